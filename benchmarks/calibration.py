@@ -225,8 +225,8 @@ def _deg(angle: float) -> str:
 
 
 def beside_boards(_: Path | None) -> str:
-    """Measure the gain of 40 edges all around added to six boards in the right half of an image,
-    over six sets."""
+    """Measure the gain from adding 40 edges over the whole field to six boards in the right half of
+    an image, over six image sets."""
     from tests.calibration.estimation.test_edges import BOARD as LARGER
     from tests.calibration.estimation.test_edges import boards_at_the_right, edges, errors_deg
 

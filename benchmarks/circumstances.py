@@ -43,8 +43,8 @@ def set_threads(count: int) -> None:
 
 
 def clock_of(threads: int) -> Callable[[], float]:
-    """Return the clock: processor time for one thread, which is independent of other load, else
-    wall-clock time."""
+    """Return the clock: processor time for one thread, because it is independent of other load,
+    otherwise wall-clock time."""
     return time.thread_time if threads == 1 else time.perf_counter
 
 

@@ -181,7 +181,7 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
     ):
         while (
             min(view.frames_dewarped for view in gateway.views.values()) < RATE
-        ):  # skips the first second
+        ):  # excludes the first second
             time.sleep(0.05)
         before = resource.getrusage(resource.RUSAGE_SELF)
         start, received = time.monotonic(), gateway.frames_received

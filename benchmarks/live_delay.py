@@ -161,7 +161,7 @@ def receive(
     with subprocess.Popen(
         [sys.executable, __file__, "--send", clip, url + to, kind.split()[0], str(rate), told]
     ):
-        time.sleep(1.0 if "http" in url else 0.0)  # in this case, the sender is the server
+        time.sleep(1.0 if "http" in url else 0.0)  # HTTP: the sender is the server
         done = {}
         for frame in frames(url, options):
             number = number_of(frame)
@@ -169,7 +169,7 @@ def receive(
             if number >= count - 3:
                 break
     sent = [float(line) for line in told.read_text().split()]
-    kept = {n: at for n, at in done.items() if n >= rate}  # skips the opening
+    kept = {n: at for n, at in done.items() if n >= rate}  # excludes the first second
     return Received(
         np.array(list(kept)), np.array(list(kept.values())), np.array([sent[n] for n in kept])
     )

@@ -3,7 +3,7 @@
 ``taken``: a misaligned, decentred sensor renders a scene; the area outside the mirror is black, the directly visible
 scene, or clutter. ``housed``: the same with frames and a defocused background. ``pasted``: a finished image of a
 sensor, optionally with its black border, is rotated, stretched and pasted on clutter. ``drawn``: a panorama of blocks
-is mapped to a disk without ray tracing. All contain saturated disks, outlines cut off by the image border, blur, noise
+is mapped to a disc without ray tracing. All contain saturated discs, outlines cut off by the image border, blur, noise
 and JPEG compression. All values are derived from the seed.
 """
 
@@ -129,7 +129,7 @@ def pasted(seed: int, folder: Path | None) -> Photograph:
 
 
 def drawn(seed: int, folder: Path | None) -> Photograph:
-    """Wrap a panorama of blocks and lines to a disc."""
+    """Map a panorama of blocks and lines to a disc."""
     rng = np.random.default_rng([3, seed])
     width, height = SIZES[rng.integers(len(SIZES))]
     rim = _placed(rng, width, height)
@@ -269,7 +269,7 @@ def _known(name: str) -> om.Scene:
 
 
 def _wound(rng: np.random.Generator, rim: Rim, width: int, height: int) -> Floats:
-    """Wrap a panorama around the outline centre, with its top outside."""
+    """Map a panorama to polar coordinates about the outline centre, with its top at the outside."""
     panorama = np.zeros((360, 1440, 3), np.uint8)
     panorama[:140] = rng.uniform(60, 255, 3)
     panorama[140:] = rng.uniform(20, 200, 3)

@@ -247,7 +247,7 @@ def _shown(
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     turn = np.arctan2(v - rim.centre_px[1], u - rim.centre_px[0])
     most = np.radians(rng.uniform(*widest))
-    if rng.random() < 0.5:  # as for a ball: with a slope that increases towards the rim
+    if rng.random() < 0.5:  # slope that increases towards the rim, as for a ball
         most = min(most, np.radians(175))
         field = 2 * np.arcsin(np.clip(away * np.sin(most / 2), 0, 1))
     else:

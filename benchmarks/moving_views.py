@@ -28,9 +28,7 @@ from omnimirror.dewarp._source_coordinates import lattice_map_of, polar_map_of
 from omnimirror.optics.image_sensor import Imager
 
 RUNS = 7
-FRAMES = (
-    24  # consecutive frames; after 1 s of other work the first ones find caches and memory cold
-)
+FRAMES = 24  # consecutive frames; the first ones run with cold caches after 1 s of other work
 SIDE, SIZE, HFOV_DEG, TILT_DEG = 1000, (1280, 720), 90.0, -20.0
 PANORAMA = (1440, 360)
 LARGE, LARGE_VIEW = (3840, 2160), (1920, 1080)
@@ -118,7 +116,7 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
 
     def view(distance_mm: float) -> om.screens.Plane:
         here = pan()
-        distance_mm += 0.1 * here  # infinity is unchanged
+        distance_mm += 0.1 * here  # a new distance per frame; infinity is unchanged
         return om.screens.Plane(SIZE, here, TILT_DEG, hfov_deg=HFOV_DEG, distance_mm=distance_mm)
 
     def panorama(distance_mm: float) -> om.screens.Cylinder:

@@ -40,7 +40,7 @@ from omnimirror.simulation.scenes.scene import Scene
 from omnimirror.simulation.scenes.street import Street
 
 NOISE = 0.01
-RUNS = 3  # of which the median is reported; the first includes memory allocation by the system
+RUNS = 3  # the median is reported; the first run includes memory allocation by the system
 SENSORS = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal")
 TOLD = (0.5, 0.7, 1.4, 2.0)
 CROPS = (

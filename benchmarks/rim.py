@@ -1,8 +1,8 @@
 """Measure the detection rate and the confidence of mirror outlines in generated images, some without a mirror.
 
-The classifier was trained with seeds below 1000 (``rim_learning.py``, `--learn`); failures of these seeds and of 1000
-to 1059, 5000 to 5199 and 7000 to 7199 were inspected during development. The reported seeds from 9100, 12000 and 20000
-were evaluated once, after development.
+The classifier was trained with seeds below 1000 (``rim_learning.py``, `--learn`). Failures of these seeds and of the
+seeds 1000 to 1059, 5000 to 5199 and 7000 to 7199 were inspected during development. The reported seeds from 9100, 12000
+and 20000 were evaluated once, after development.
 
     python benchmarks/rim.py --environments ../shared/data/environments --ways composed --out out/benchmarks
     python benchmarks/rim.py --environments ../shared/data/environments --first 5000 --out out/benchmarks

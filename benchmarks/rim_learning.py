@@ -2,10 +2,10 @@
 
     python benchmarks/rim.py --environments ../shared/data/environments --learn 260 --jobs 2
 
-writes ``committee.json`` next to the detection. Each image contributes the feature vectors of its candidates and the
-information which of them, refined in the full image, are within 1 % of the outline. The members of the ensemble differ
-in their initial values and in the fifth of the images that each omits. The calibration of their probabilities maximises
-the likelihood of images with other seeds.
+writes ``committee.json`` next to the detection. Each image contributes the feature vectors of its candidates and a
+label for each: whether the candidate, refined in the full image, is within 1 % of the outline. The members of the
+ensemble differ in their initial values and in the 20 % of the images that each omits. The calibration of their
+probabilities maximises the likelihood of images with other seeds.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.street import Street
 from omnimirror.simulation.scenes.surfaces import facets
 
-RINGS = (36, 143, 570)  # balls of 5,000, 82,000 and 1.3 million triangles
+RINGS = (36, 143, 570)  # spheres of 5,000, 82,000 and 1.3 million triangles
 TRACED, PIXELS, RAYS = 512, 1000, 16
 
 
@@ -99,7 +99,7 @@ def _held_each(rings: int) -> float:
     colours = np.ones((len(triangles), 3, 3), np.float32)
     facets(triangles[:100], colours[:100]).first_hits(
         np.zeros((1, 3)), np.ones((1, 3))
-    )  # loads the modules of the first use
+    )  # imports the modules that are loaded on first use
     before = resident()
     scene = facets(triangles, colours)
     assert scene.native

@@ -57,7 +57,7 @@ def make_clip(path: Path) -> None:
 
 
 class Watcher:
-    """Page that only receives frames."""
+    """Client that only receives frames."""
 
     def __init__(self, host: str) -> None:
         name, port = host.split(":")
@@ -100,7 +100,7 @@ class Watcher:
 def watch(
     host: str, count: int, seconds: float, told: multiprocessing.connection.Connection
 ) -> None:
-    """Receive frames with several pages for a given time; send their counts."""
+    """Receive frames with several clients for a given time; send the counts of frames and bytes."""
     pages = [Watcher(host) for _ in range(count)]
     waiting = selectors.DefaultSelector()
     for page in pages:
@@ -111,7 +111,7 @@ def watch(
             for key, _ in waiting.select(0.1):
                 key.data.take()
 
-    until(time.monotonic() + 2)  # skips the start
+    until(time.monotonic() + 2)  # excludes the first 2 s
     before = [(page.frames, page.bytes) for page in pages]
     told.send("begun")
     until(time.monotonic() + seconds)

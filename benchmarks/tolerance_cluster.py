@@ -120,7 +120,7 @@ def main() -> None:
             check=True,
         )
         of_threads, single = swept(folder, "threads")
-        of_both, again = swept(folder, "threads")  # no trials remain: reading and aggregation only
+        of_both, again = swept(folder, "threads")  # only reads and aggregates results
         address, processes = cluster(stack, folder)
         idle, _ = during(processes, lambda: time.sleep(IDLE_S))
         found: list[tuple[str, float]] = []

@@ -5,8 +5,8 @@ Four variants of Optiland: its tolerancing module, one Monte Carlo trial with th
 the same with one operand; and two manual implementations, perturbations and one vectorised call with all rays: of the
 tracer, and of the mirror surface alone with given rays. The trial of omnimirror also determines the image of each
 object, focus, blur and five calibrations. All variants run interleaved in one process on one thread; results are
-medians of processor time. Before the measurement, the program verifies that both trace the same rays: the rays by which
-a perturbed sensor images its objects, launched in Optiland, leave its mirror towards these objects.
+medians of processor time. Before the measurement, the program verifies that both trace the same rays: rays computed for
+the objects of a perturbed sensor are launched in Optiland and must leave its mirror towards these objects.
 
     python benchmarks/tolerance_peers.py --out out/benchmarks
 """

@@ -45,7 +45,7 @@ def asked(device: str, dtype: torch.dtype) -> dict[str, torch.Tensor]:
 
 
 def seconds_of(function: Callable[[], object], device: str) -> float:
-    """Return the processor time of one core, or the time of the card."""
+    """Return the processor time of one core, or the device time of the GPU."""
     if device == "cpu":
         start = time.process_time()
         function()

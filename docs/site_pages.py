@@ -99,7 +99,7 @@ def classes_in(annotation: Any) -> Iterator[type]:
 
 
 def hints(thing: Any) -> dict[str, Any]:
-    """Return the type hints of a function or class; empty if a name is known to type checkers only."""
+    """Return the type hints of a function or class; empty if a name is defined for type checkers only."""
     try:
         return typing.get_type_hints(thing)
     except (NameError, TypeError):
@@ -188,7 +188,7 @@ def reachable_types() -> dict[type, str]:
 
 
 def reference() -> None:
-    """Write one reference page per package: public names, then the types that they lead to."""
+    """Write one reference page per package: public names, then the types that their signatures refer to."""
     folder = PAGES / "reference"
     folder.mkdir()
     names, types = public_names(), defaultdict(list)

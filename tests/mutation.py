@@ -39,7 +39,7 @@ IDENTITY = re.compile(r"ReplaceComparisonOperator_(Is_Eq|Eq_Is|IsNot_NotEq|NotEq
 """Operators that are not applied: None, bool, enumerations and small integers are singletons."""
 MEMORY = 8 << 30
 """Data of one process of a test run in bytes: some mutants allocate without end."""
-# An editable installation locates the package through a finder that precedes every path.
+# An editable installation locates the package by a finder that precedes sys.path.
 SITE = "import sys\nsys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith('ScikitBuild')]\n"
 
 
@@ -75,7 +75,7 @@ def declarations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
         found += getattr(node, "decorator_list", [])
         if isinstance(node, ast.Call):
             found += [keyword.value for keyword in node.keywords if keyword.arg == "strict"]
-    # the decorator's sign is no part of its expression
+    # col_offset - 1 includes the @ of a decorator, which is not part of its expression
     return [
         ((e.lineno, e.col_offset - 1), (e.end_lineno, e.end_col_offset))
         for e in found
@@ -212,7 +212,7 @@ def examine(
     ]
 
     def write(text: str) -> None:
-        # A mutant of the same length written within the same second would be taken from the byte code of another.
+        # Python would reuse the byte code of another mutant with the same length and modification second.
         for file in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):
             file.unlink()
         path.write_text(text)
@@ -280,7 +280,7 @@ def main() -> int:
         equivalent.setdefault(entry["module"], set()).update(map(tuple, entry["mutants"]))
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Byte code is written here only: tests that limit the size of files would leave truncated ones.
+    # Only this process writes byte code: tests that limit the file size would leave truncated files.
     os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
     sys.dont_write_bytecode = True
     for name in PRELOADED.split():

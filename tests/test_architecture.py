@@ -227,8 +227,8 @@ OF_A_BALL = ("--ball", "32,32,30,260")
     ],
 )
 def test_frequent_commands_import_no_unused_packages(command, unused, tmp_path):
-    """Optimisers alone take longer to import than the dewarping of an image, as do sensor modules
-    for a mirror ball."""
+    """Importing the optimisers takes longer than dewarping an image, as does importing the sensor
+    modules to dewarp a mirror ball."""
     om.write_image(tmp_path / "circle.png", np.zeros((64, 64, 3), np.uint8))
     words = [*command.split(), *(OF_A_BALL if "dewarp" in command else ())]
     statement = f"import os; os.chdir({str(tmp_path)!r}); from omnimirror.apps.cli import main; main({words})"

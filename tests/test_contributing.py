@@ -24,7 +24,7 @@ CHECKOUT = Path(__file__).parents[1]
 WEB, NATIVE = CHECKOUT / "web", CHECKOUT / "native"
 
 
-# An editable installation locates the package through a finder that precedes every path.
+# An editable installation locates the package by a finder that precedes sys.path.
 OF_THE_COPY = """
 import sys
 sys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")]
@@ -57,7 +57,7 @@ def ignored(files: list[Path]) -> set[str]:
 
 @pytest.mark.parametrize("page", NAMED_IN)
 def test_named_programs_exist(page):
-    """Present here and in a clone."""
+    """The named programs are present here and in a clone."""
     named = {
         name
         for name in PROGRAM.findall((CHECKOUT / page).read_text())

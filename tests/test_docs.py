@@ -289,8 +289,8 @@ def test_tables_are_read_as_documented(page, name, tmp_path):
 
 
 def test_boxes_move_as_documented(tmp_path):
-    """Render the boxes of docs/simulate.md: by its last sentence, one moves to the left and the
-    other rises."""
+    """Render the boxes of docs/simulate.md; its last sentence states that one moves to the left and
+    the other rises."""
     write_files(ROOT / "docs" / "simulate.md", tmp_path)
     bodies = om.load_bodies(tmp_path / "carts.toml")
     sphere = om.load_sensor("paper-spherical")
@@ -398,7 +398,7 @@ def test_reference_contains_members_of_public_classes_and_of_returned_types(site
     for function in functions:
         try:
             annotation = typing.get_type_hints(function).get("return")
-        except NameError:  # a name for type checkers only
+        except NameError:  # a name that is defined for type checkers only
             continue
         for cls in returned_classes(annotation):
             classes.setdefault(cls, cls.__name__)

@@ -569,7 +569,7 @@ class Staircase:
 
 
 def test_user_screen_is_rendered_without_registration():
-    """Its pixels have the camera values of these directions."""
+    """Each output pixel has the image value at the projection of its direction."""
     camera, screen = load_sensor("paper-spherical"), Staircase()
     v, u = np.mgrid[:1024, :1024]
     picture = np.stack([u / 4, v / 4, np.full_like(u, 77)], axis=-1).astype(np.uint8)
@@ -581,7 +581,7 @@ def test_user_screen_is_rendered_without_registration():
 
 
 class Pinhole:
-    """Upward camera with f px per unit tangent, without a base class of the package."""
+    """Upward-looking camera with r = f tan(omega), without a base class of the package."""
 
     image_size, symmetry, focal_px = (101, 101), None, 50.0
 

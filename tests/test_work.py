@@ -60,14 +60,14 @@ def most_bytes(allowed: float):
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paper-equidistant"])
 def test_best_focus_traces_rays_twice(counted, name):
-    """Once to find the mirror points, close enough for one Newton step, and once at these points."""
+    """Once to approximate the mirror points for a single Newton step, and once at these points."""
     sensor = om.load_sensor(name)
     om.best_focus(sensor)  # fills the table cache
     counted.calls_of(Meridian, "_rays")
     counted.calls_of(FocusFunction, "__call__")
     om.best_focus(sensor)
     assert counted["_rays"] <= 2
-    assert counted["__call__"] <= 25  # the scan is one
+    assert counted["__call__"] <= 25  # the initial scan is one call
 
 
 def test_field_of_image_traces_only_boundary_rays(counted):
@@ -111,8 +111,8 @@ def test_field_is_found_without_full_map():
     [(om.Detector(), 0.5), (om.Detector(full_well_e=1e4, read_noise_e=4.0), 1.0)],
 )
 def test_detector_readout_allocates_no_full_copies(detector, allowed):
-    """Relative to the light: the image is 25 %, and the electrons 50 %, converted to digital
-    numbers in place."""
+    """Relative to the radiance image, the 8-bit image takes 25 %, and the electrons, which are
+    converted to digital numbers in place, take 50 %."""
     light = np.full((1000, 1000, 3), 0.3, np.float32)
     detector.read(light[:2])
     with most_bytes(allowed * light.nbytes):
@@ -135,10 +135,11 @@ def test_rendering_allocates_no_full_radiance_image(world):
 
 
 def test_noisy_rendering_allocates_no_full_radiance_image():
-    """2 bytes per value for electrons, replaced in place by digital numbers, and temporary data.
+    """2 bytes per value for electrons, which are converted in place to digital numbers, and
+    temporary data.
 
-    These are up to six rows of tiles and the buffers of the kernels, depending on threads; light
-    alone is 4 bytes.
+    Temporary data are up to six rows of tiles and the buffers of the kernels, depending on the
+    number of threads. A full radiance image alone would take 4 bytes per value.
     """
     sensor = om.load_sensor("paper-spherical")
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)

@@ -1,5 +1,5 @@
-"""Generate the image of docs/measured.md: a hyperboloid with astigmatism, rings and noise, measured
-off the machine axis.
+"""Generate the image of docs/measured.md: a hyperboloid with astigmatism, ring-shaped errors and
+noise, measured at a lateral offset from the machine axis.
 
 python docs/images/form.py
 """

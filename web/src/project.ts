@@ -66,7 +66,7 @@ export class ProjectMenu {
   }
 
   private async save(): Promise<void> {
-    this.store.leaving(); // number in a field without a change event
+    this.store.leaving(); // commit an edited number field whose change event has not fired yet
     const { state } = this.store;
     const picture = await this.picture();
     const sensor = state.sensor.startsWith("file:") ? await kept(state.sensor) : undefined;
@@ -96,7 +96,7 @@ export class ProjectMenu {
     );
   }
 
-  /** Current image with its identity; null if there is none, or for the demo room. */
+  /** Return the current image with its identity; null if there is none, or for the demo room. */
   private async picture(): Promise<{ blob: Blob; name: string; source: string } | null> {
     const { feed } = this.look;
     const { source } = this.store.state;

@@ -38,7 +38,7 @@ export class Answers {
     this.next();
   }
 
-  /** Whether a request of a slot is pending. */
+  /** Return true if a request of a slot is pending. */
   isAsked(slot: number): boolean {
     return this.waiting.has(slot) || this.onItsWay?.slot === slot;
   }

@@ -23,7 +23,7 @@ const OWN = "design";
 const MAX_PINS = 4;
 const MARKED_MS = 500; // idle time after which slider marks are requested
 
-/** Parts of requirements that determine the plotted quantities. */
+/** Return the parts of requirements that determine the plotted quantities. */
 const limitedBy = (requirements: Tables | null): string =>
   JSON.stringify([
     requirements?.field,
@@ -120,7 +120,7 @@ export class Bench {
       (found) => this.answered(found),
       (isAway) => host.banner(isAway && host.isShown() ? AWAY : null, "server"),
     );
-    host.beforeLeaving(() => this.settle()); // number in a field without a change event
+    host.beforeLeaving(() => this.settle()); // commit an edited number field whose change event has not fired yet
     bindKeys({
       isShown: host.isShown,
       undo: () => this.undo(),
@@ -164,14 +164,14 @@ export class Bench {
     this.kept();
   }
 
-  /** A changed bundled sensor loses its name. */
+  /** Return the design; a changed bundled sensor gets a new name. */
   private own(design: Design): Design {
     const { tables } = design;
     const now = this.history.now.tables;
     return tables === now || tables.name !== now.name ? design : this.unbundled(design);
   }
 
-  /** Editable design: a bundled sensor gets a new name. */
+  /** Return the design under an editable name: a bundled sensor gets a new one, without its notes. */
   private unbundled(design: Design): Design {
     const { tables } = design;
     return this.sensors.includes(tables.name as string)
@@ -309,7 +309,7 @@ export class Bench {
     this.toolbar.show();
   }
 
-  /** Pinned designs are evaluated with the current requirements, so that their values share the plots. */
+  /** Evaluate the pinned designs with the current requirements, so that their values share the plots. */
   private askPins(): void {
     const { requirements } = this.history.now;
     this.limited = limitedBy(requirements);

@@ -30,6 +30,6 @@ export const wishOf = (
   bend: null,
 });
 
-/** Blocks with a name prefix. */
+/** Return the blocks with a name prefix. */
 export const blocksLike = (found: Found, start: string): Table[] =>
   found.blocks.filter((b) => b.name.startsWith(start)).map((b) => found.block(b.name)!);

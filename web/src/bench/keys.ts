@@ -6,7 +6,7 @@ interface Acts {
   save: () => void;
 }
 
-/** Ctrl+Z: undo; Ctrl+Shift+Z and Ctrl+Y: redo; Ctrl+S: save. */
+/** Bind the shortcuts Ctrl+Z: undo; Ctrl+Shift+Z and Ctrl+Y: redo; Ctrl+S: save. */
 export function bindKeys({ isShown, undo, redo, save }: Acts): void {
   document.addEventListener("keydown", (e) => {
     if (!isShown() || !(e.ctrlKey || e.metaKey)) return;

@@ -4,7 +4,7 @@ import type { QuantityInfo } from "../shared/messages";
 const UNITS: Record<string, string> = { deg: "°", um: "µm", deg2: "deg²", "px/deg": "px/°" };
 export const unitWords = (unit: string): string => UNITS[unit] ?? unit;
 
-/** Name of a parameter without its unit. */
+/** Return the name of a parameter without its unit. */
 export const label = (name: string): string => {
   const text = name.replace(/_(mm|um|deg|px)$/, "").replaceAll("_", " ");
   const said = text.replace(
@@ -17,22 +17,22 @@ export const label = (name: string): string => {
     .replace(/^./, (c) => c.toUpperCase());
 };
 
-/** Message with the label of a parameter instead of its name at the start, and a capital. */
+/** Return the message with the label of a parameter instead of its name at the start, and a capital. */
 export const labelledMessage = (sentence: string): string =>
   sentence
     .replace(/^([a-z]\w*_(?:mm|um|deg|px)|(?:working_)?f_number)(?= must )/, label)
     .replace(/^./, (c) => c.toUpperCase());
 
-/** Title of a quantity with its unit. */
+/** Return the title of a quantity with its unit. */
 export const quantityWords = ({ title, unit }: QuantityInfo): string =>
   unit ? `${title}, ${unitWords(unit)}` : title;
 
 const SUBSCRIPTS: Record<string, string> = { s: "ₛ", t: "ₜ", v: "ᵥ" };
 
-/** Symbol of a quantity; the part after an underscore is a subscript. */
+/** Return the symbol of a quantity; the part after an underscore is a subscript. */
 export const symbolOf = ({ symbol }: QuantityInfo): string => lowered(symbol);
 
-/** Meaning of a quantity, and its equation in the paper. */
+/** Return the meaning of a quantity, and its equation in the paper. */
 export const explained = ({ meaning, equation }: QuantityInfo): string =>
   equation ? `${meaning} (${lowered(equation)})` : meaning;
 

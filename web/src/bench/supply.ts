@@ -34,18 +34,18 @@ export async function bundled(name: string): Promise<BenchSensor> {
   return alone.sensors[found];
 }
 
-/** Another type of part, or another focus; a page without a server supports the focus only. */
+/** Change the type of a part, or the focus; a page without a server supports the focus only. */
 export async function change(asked: DesignChange): Promise<BenchSensor> {
   if (!answerer) return api.change(asked);
   const focus =
-    Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // finer than the setting accuracy of lenses
+    Math.round(1000 * answerer.bestFocus(asked.tables, asked.object_distance_mm)) / 1000; // 1 um, finer than the setting accuracy of lenses
   return {
     tables: { ...asked.tables, lens: { ...asked.tables.lens, focus_distance_mm: focus } },
     follows: false,
   };
 }
 
-/** Violation of requirements along all sliders; not available without a server. */
+/** Request the violation of requirements along all sliders; not available without a server. */
 export const slides = async (asked: SliderRequest): Promise<SliderViolations | null> =>
   alone ? null : api.slides(asked);
 
@@ -59,7 +59,7 @@ export async function download(asked: FileRequest): Promise<{ blob: Blob; name: 
   return api.download(asked);
 }
 
-/** Evaluator of designs. */
+/** Create the evaluator of designs. */
 export const answers = (
   answered: (found: Found) => void,
   away: (isAway: boolean) => void,

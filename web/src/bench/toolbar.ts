@@ -220,7 +220,7 @@ export class Toolbar {
     }
   }
 
-  /** Files dropped on the bench are opened by the bench. */
+  /** Open files that are dropped on the bench. */
   private bindDropping(): void {
     document.addEventListener(
       "drop",

@@ -229,7 +229,7 @@ export class Calibrate {
     this.keep();
   }
 
-  /** A result is valid for its images only. */
+  /** Discard the result, which is valid for its images only. */
   private drop(): void {
     this.run.forget();
     if (!this.found) return;

@@ -5,7 +5,7 @@ type Pair = readonly [number, number];
 
 const at = (u: number, v: number): string => `${+u.toFixed(2)} ${+v.toFixed(2)}`;
 
-/** Cross at each corner. */
+/** Return the path of a cross at each corner. */
 export const crosses = (corners: readonly Pair[], size: number): string =>
   corners
     .map(
@@ -14,7 +14,7 @@ export const crosses = (corners: readonly Pair[], size: number): string =>
     )
     .join("");
 
-/** Dot at each position, as a stroke without length. */
+/** Return the path of a dot at each position, as a stroke without length. */
 export const dots = (places: readonly Pair[]): string =>
   places.map(([x, y]) => `M${at(x, y)}h0`).join("");
 
@@ -25,7 +25,7 @@ export const arrows = (
 ): string =>
   residuals.map(([u, v, du, dv]) => `M${at(u, v)}L${at(u + times * du, v + times * dv)}`).join("");
 
-/** Radial and tangential residuals: (radius, radial, tangential), px. */
+/** Return radial and tangential residuals: (radius, radial, tangential), px. */
 export function byRadius(
   residuals: readonly (readonly [number, number, number, number])[],
   [cu, cv]: Pair,
@@ -46,7 +46,7 @@ interface Cell {
   path: string;
 }
 
-/** Cells of the corner counts; sectors are numbered clockwise from the right. */
+/** Return the cells of the corner counts; sectors are numbered clockwise from the right. */
 export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: CoverageInfo): Cell[] {
   const half = Math.PI / counts[0].length;
   const place = (radius: number, angle: number): string =>
@@ -69,7 +69,7 @@ export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: Coverage
   );
 }
 
-/** Number of covered cells, and total number. */
+/** Return the number of covered cells, and the total number. */
 export function coveredIn({ counts, enough }: CoverageInfo): [number, number] {
   const all = counts.flat();
   return [all.filter((count) => count >= enough).length, all.length];
@@ -83,7 +83,7 @@ export function timesFor(rms: number, length: number): number {
   return Math.max(1, power * ([5, 2, 1].find((m) => m * power <= wanted) ?? 1));
 }
 
-/** Displacement of a target between two detections, relative to the longer image side; Infinity for different corners. */
+/** Return the displacement of a target between two detections, relative to the longer image side; Infinity for different corners. */
 export function movedBy(
   before: { ids: number[]; corners_px: Pair[] } | null,
   now: { ids: number[]; corners_px: Pair[]; image_size: Pair },

@@ -6,7 +6,7 @@ const EVERY_S = 0.5;
 const LONGEST_SEEK_MS = 60_000;
 const LONGEST_WAIT_MS = 10_000; // maximum waiting time for an opaque frame
 
-/** Frames of a video with their times, every 0.5 s or a given number in total. */
+/** Extract frames of a video with their times, every 0.5 s or a given number in total. */
 export async function framesOf(
   file: Blob,
   name: string,

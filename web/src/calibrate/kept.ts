@@ -25,7 +25,7 @@ const LIST = "omnimirror-boards";
 const PARTS = ["", " seen", " result"] as const;
 const name = (key: string, part: (typeof PARTS)[number]): string => `board ${key}${part}`;
 
-/** Stored state of this tab, or of the last one. */
+/** Return the stored state of this tab, or of the last one. */
 function found(key: string): unknown {
   return parsed(taken(sessions, key) ?? taken(locals, key) ?? "null");
 }
@@ -62,7 +62,7 @@ export const keptSeen = (key: string): Promise<BoardDetection | undefined> =>
 export const keepSeen = (key: string, seen: BoardDetection): Promise<unknown> =>
   shelve(name(key, " seen"), seen);
 
-/** Camera of exactly these images, stored with the first of them. */
+/** Return the camera of exactly these images, stored with the first of them. */
 export async function keptResult(keys: string[]): Promise<Result | null> {
   const result = keys.length ? await shelved<Result>(name(keys[0], " result")) : undefined;
   return result && JSON.stringify(result.of) === JSON.stringify(keys) ? result : null;

@@ -16,7 +16,7 @@ export const COUNTED: Record<BoardSpec["kind"], string> = {
 const MIN_IMAGES = 3;
 const MAX_NAMED = 40; // maximum number of files on a command line; more are replaced by their folder
 
-/** Displayed name of a camera model. */
+/** Return the displayed name of a camera model. */
 export function modelWords(kind: string): string {
   const named: Record<string, string> = {
     auto: "Automatic",
@@ -38,13 +38,13 @@ export const modelsFor = (
   ...start.models.filter((kind) => optics === "mirror" || !start.mirrors_only.includes(kind)),
 ];
 
-/** Status text of an image. */
+/** Return the status text of an image. */
 export function stateWords(seen: BoardDetection, reason: string | null): string {
   if (reason) return `${reason[0].toUpperCase()}${reason.slice(1)}`;
   return seen.ids.length === 1 ? "1 corner" : `${seen.ids.length} corners`;
 }
 
-/** Reason against a calibration; null if it is possible. */
+/** Return the reason against a calibration; null if it is possible. */
 export function whyNot(found: number, waiting: number): string | null {
   if (waiting)
     return `${waiting === 1 ? "One image has" : `${waiting} images have`} not been processed yet.`;
@@ -53,14 +53,14 @@ export function whyNot(found: number, waiting: number): string | null {
   return null;
 }
 
-/** Unique name. */
+/** Return a unique name: a used name gets a number. */
 export function unlike(name: string, taken: ReadonlySet<string>): string {
   let unique = name;
   for (let count = 2; taken.has(unique); count++) unique = `${name} (${count})`;
   return unique;
 }
 
-/** Median of the reliable rims of several images; null if there are too few. */
+/** Return the median of the reliable rims of several images; null if there are too few. */
 export function rimOf(
   found: readonly DetectedOutline[],
 ): { centre: [number, number]; radius: number } | null {
@@ -82,13 +82,13 @@ const word = (text: string): string =>
   /^[\w.,:/=+-]+$/.test(text) ? text : `'${text.replaceAll("'", `'\\''`)}'`;
 const file = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
-/** Words of a setting without an option of its own. */
+/** Return the command-line words of a setting without an option of its own. */
 const setting = (key: string, value: string | number | boolean): string[] => [
   "--set",
   `${key}=${value}`,
 ];
 
-/** Command-line options of a target. */
+/** Return the command-line options of a target. */
 function boardOptions(board: BoardSpec): string[] {
   const { kind, columns, rows, square_mm, marker_mm, spacing, family, legacy } = board;
   return [
@@ -104,11 +104,11 @@ function boardOptions(board: BoardSpec): string[] {
   ];
 }
 
-/** Command that writes the target. */
+/** Return the command that writes the target. */
 export const printCommand = (board: BoardSpec): string =>
   ["omnimirror", "board", ...boardOptions(board), "-o", "board.pdf"].map(word).join(" ");
 
-/** Equivalent calibration command. */
+/** Return the equivalent calibration command. */
 export function calibrateCommand(
   names: readonly string[],
   ask: Omit<CalibrationRequest, "command" | "pictures">,

@@ -9,15 +9,15 @@ const plain = (x: number, digits = 4): string => String(+x.toFixed(digits));
 
 const set = (key: string, value: string): string[] => ["--set", `${key}=${value}`];
 
-/** File name of a sensor with a fitted circle. */
+/** Return the file name of a sensor with a fitted circle. */
 export const fittedName = (camera: Camera): string =>
   `${camera.model.name.replace(/[^\w.-]/g, "_")}-fitted.toml`;
 
-/** Whether the circle was fitted, so that the command requires a sensor file written by the page. */
+/** Return true if the circle was fitted; the command then requires a sensor file written by the page. */
 export const needsFile = (camera: Camera): boolean =>
   camera.model.kind === "sensor" && camera.isMoved;
 
-/** Command line that renders the same image. */
+/** Return the command line that renders the same image. */
 export function commandOf(
   s: State,
   camera: Camera,

@@ -1,7 +1,7 @@
 import { heldBy } from "../shared/dom";
 import type { EmbeddedImage } from "../shared/messages";
 
-/** Embedded data of a page with one image; null in other pages. */
+/** Return the embedded data of a page with one image; null in other pages. */
 export const embedded = (): EmbeddedImage | null => heldBy("embedded");
 
 const bytesOf = (base64: string): Uint8Array<ArrayBuffer> =>
@@ -9,7 +9,7 @@ const bytesOf = (base64: string): Uint8Array<ArrayBuffer> =>
 
 export const floats = (base64: string): Float32Array => new Float32Array(bytesOf(base64).buffer);
 
-/** Content of a data URL. */
+/** Return the content of a data URL. */
 export function blob(address: string): Blob {
   const comma = address.indexOf(",");
   return new Blob([bytesOf(address.slice(comma + 1))], {

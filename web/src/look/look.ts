@@ -144,7 +144,7 @@ export class Look {
     await this.sources.beginEmbedded(inside.media, inside.name);
   }
 
-  /** View of the state with a given size in pixels, for tests and scripts. */
+  /** Return the view of the state with a given size in pixels, for tests and scripts. */
   viewIn(width: number, height: number): { view: View; command: string } {
     const camera = this.ready()!;
     const view = viewOf(this.store.state, camera, width, height);
@@ -216,7 +216,7 @@ export class Look {
     this.showDoubt(camera, this.feed);
   }
 
-  /** Canvas redrawn with full quality; null if there is no image. */
+  /** Redraw with full quality; return the canvas, or null if there is no image. */
   private drawn(): HTMLCanvasElement | null {
     if (!this.ready()) return null;
     this.lay();
@@ -244,7 +244,7 @@ export class Look {
     return commandOf(state, camera, feed, view.width, view.height);
   }
 
-  /** Command lines of all displayed views. */
+  /** Return the command lines of all displayed views. */
   private commands(): string {
     return this.lay()
       .places.map((place) => this.command(place))
@@ -298,7 +298,7 @@ export class Look {
     return places[Math.min(this.views.active, places.length - 1)];
   }
 
-  /** Its position on the screen. */
+  /** Return the position of the active view on the screen. */
   private box(): DOMRect {
     const { left, top } = this.canvas.getBoundingClientRect();
     const { place } = this;
@@ -377,7 +377,7 @@ export class Look {
     if (from && to) this.level.drag(from, to);
   }
 
-  /** Target at a point given as fractions of width and height. */
+  /** Return the target at a point given as fractions of width and height. */
   private targetAt(x: number, y: number): Vec3 | null {
     if (!this.camera) return null;
     const { view } = this.place;
@@ -385,7 +385,7 @@ export class Look {
   }
 }
 
-/** Reason for which the camera does not fit the image; null if it does. */
+/** Return the reason for which the camera does not fit the image; null if it does. */
 function problemOf({ model }: Camera, feed: Feed): string | null {
   if (model.is_adjustable || hasSize(model, [feed.width, feed.height])) return null;
   const [w, h] = model.image_size;

@@ -149,14 +149,14 @@ export class Sources {
     );
   }
 
-  /** Stored image, or source of the server. */
+  /** Open a stored image, or a source of the server. */
   async feedNamed(source: string, signal: AbortSignal): Promise<Feed> {
     const identity = identityIn(source);
     const file = identity && (await keptPicture(identity));
     return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source, signal);
   }
 
-  /** Image or stream of the server. */
+  /** Open an image or stream of the server. */
   private async feedOfServer(source: string, signal: AbortSignal): Promise<Feed> {
     const id = source.replace(/^server:/, "");
     const option = this.options.find((o) => o.value === id);

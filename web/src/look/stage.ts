@@ -7,7 +7,7 @@ import { aspectOf, type View, viewOf } from "./geometry/views";
 const NARROW = matchMedia("(max-width: 899px), (max-height: 479px)");
 const MAX_DOTS = 2; // canvas pixels per CSS pixel, maximum
 
-/** Effective state: the default of `fit` depends on the size of the page. */
+/** Return the effective state: the default of `fit` depends on the size of the page. */
 export const asShown = (s: State): State =>
   s.fit ? s : { ...s, fit: NARROW.matches ? "fill" : "whole" };
 

@@ -1,6 +1,6 @@
 import { FITS, INITIAL, limited, LOOKS, MODES, RANGES, type State, TABS, viewsIn } from "./state";
 
-/** Fragment of the address with the state that differs from the default; "" if there is none. */
+/** Return the fragment of the address with the state that differs from the default; "" if there is none. */
 export function toHash(s: State): string {
   const parts = new URLSearchParams();
   for (const [key, value] of Object.entries(s)) {

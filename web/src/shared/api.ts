@@ -45,7 +45,7 @@ export class Away extends Error {
   override readonly name = "Away";
 }
 
-/** Whether an error has a message for users. Checked by name, because each script has its own classes. */
+/** Return true if an error has a message for users. The name is compared, because each script has its own classes. */
 export const isForeseen = (e: unknown): e is Error =>
   e instanceof Error && (e.name === "Refused" || e.name === "Away");
 
@@ -61,7 +61,7 @@ export const isThere = async (): Promise<boolean> =>
     () => false,
   );
 
-/** URL of a WebSocket of the server. */
+/** Return the URL of a WebSocket of the server. */
 export const socketAddress = (path: string): string =>
   new URL(path, document.baseURI).href.replace(/^http/, "ws");
 
@@ -85,14 +85,14 @@ export const picture = async (id: string): Promise<Blob> =>
   (await ask(to("api/picture", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> =>
   (await handedUp("api/pictures", file, { name })).blob();
-/** A picture file in the orientation that the server was started for. */
+/** Return an image file in the orientation for which the server is configured. */
 export const asShown = async (file: Blob, name: string): Promise<Blob> =>
   storedOrientation ? convert(file, name) : file;
 export const rim = (picture: Blob, name: string): Promise<DetectedOutline> =>
   json(handedUp("api/rim", picture, { name }));
 export const level = (asked: LevelRequest, picture: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
-/** A restored image, and a sentence on the removed blur. */
+/** Return the restored image, and a note on the removed blur. */
 export async function restored(
   asked: RestoreRequest,
   picture: Blob,
@@ -125,11 +125,11 @@ export async function download(asked: FileRequest): Promise<{ blob: Blob; name: 
   return { blob: await answer.blob(), name };
 }
 
-/** Progress of a file export; null before its start and after its end. */
+/** Request the progress of a file export; null before its start and after its end. */
 export const making = (asked: FileRequest): Promise<FileProgress | null> =>
   json(posted("api/bench/making", asked));
 
-/** Rendered image of a room for a design, and its panorama. */
+/** Request the rendered image of a room for a design, and its panorama. */
 export async function taken(asked: RenderRequest): Promise<{ picture: Blob; panorama: Blob }> {
   const data = await (await posted("api/bench/picture", asked)).arrayBuffer();
   const { header, start } = unpack<RenderHeader>(data);
@@ -144,7 +144,7 @@ export const errors = (asked: ErrorSourcesRequest): Promise<ErrorSourceList> =>
 export const yields = (asked: YieldRequest): Promise<YieldResult> =>
   json(posted("api/bench/yield", asked));
 
-/** As-built sensor: header, object positions, and displacements by calibration. */
+/** Request an as-built sensor: header, object positions, and displacements by calibration. */
 export async function built(
   asked: AsBuiltRequest,
 ): Promise<AsBuiltResult & { places: Float32Array; left: Float32Array[] }> {
@@ -185,7 +185,7 @@ const posted = (path: string, body: unknown): Promise<Response> =>
     body: JSON.stringify(body),
   });
 
-/** URL with a query; null and undefined values are omitted. */
+/** Return a URL with a query; null and undefined values are omitted. */
 function to(path: string, query: Query): string {
   const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
   return given.length

@@ -8,7 +8,7 @@ export function shellWord(text: string): string {
   return `$'${escaped.join("")}'`;
 }
 
-/** File name as a shell word that is not an option. */
+/** Return a file name as a shell word that is not an option. */
 export const fileWord = (name: string): string => (name.startsWith("-") ? `./${name}` : name);
 
 const escapeOf = (c: string): string => `\\U${c.codePointAt(0)!.toString(16).padStart(8, "0")}`;

@@ -180,7 +180,7 @@ export const ofTaken = (s: ViewSource): ViewSource =>
 export const ofView = (s: ViewOf): ViewOf =>
   Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
 
-/** State with all numbers clamped, and rounded to the precision of the command line. */
+/** Return the state with all numbers clamped, and rounded to the precision of the command line. */
 export function limited(s: State): State {
   const round = (x: number): number => Math.round(x * 1e4) / 1e4;
   const within = (key: keyof typeof RANGES, x: number): number =>
@@ -197,6 +197,6 @@ export function limited(s: State): State {
   };
 }
 
-/** Keys that differ between two states. */
+/** Return the keys that differ between two states. */
 export const differing = (a: State, b: State): Set<keyof State> =>
   new Set((Object.keys(a) as (keyof State)[]).filter((k) => String(a[k]) !== String(b[k])));

@@ -4,7 +4,7 @@ type Shelf = () => Storage;
 export const sessions: Shelf = () => sessionStorage;
 export const locals: Shelf = () => localStorage;
 
-/** Stored text of a key; null if absent. */
+/** Return the stored text of a key; null if absent. */
 export function taken(shelf: Shelf, key: string): string | null {
   try {
     return shelf().getItem(key);

@@ -33,13 +33,13 @@ export class Store {
     this.listeners.push(listener);
   }
 
-  /** Change state and address; `turns` is false for changes without a history entry. */
+  /** Change state and address; without a history entry if `turns` is false. */
   set(change: Partial<State>, turns = true): void {
     const next = limited({ ...this.state, ...change });
     const changed = differing(next, this.state);
     if (!changed.size) return;
     const isTurn = turns && TURNS.some((key) => changed.has(key));
-    if (isTurn) this.write(); // Back returns to the last state of an entry
+    if (isTurn) this.write(); // store the last state of the current entry, to which Back returns
     this.state = next;
     if (isTurn) this.write(true);
     this.tell(changed);
@@ -86,7 +86,7 @@ export class Store {
   }
 }
 
-/** State before a reload; null if an address was entered. */
+/** Return the state before a reload; null if an address was entered. */
 function beforeReload(): string | null {
   const [way] = performance.getEntriesByType("navigation") as PerformanceNavigationTiming[];
   return way?.type === "reload" ? taken(sessions, KEPT) : null;

@@ -8,7 +8,7 @@ export type Ink = readonly [number, number, number, number];
 export interface Body {
   mesh: Mesh;
   ink: Ink;
-  /** 0 for matte to 1 for a mirror. */
+  /** Reflectivity, 0 (matte) to 1 (mirror). */
   shine: number;
 }
 

@@ -73,7 +73,7 @@ export class Gestures {
     this.hands.pick(e.clientX - box.left, e.clientY - box.top, e.pointerType === "touch");
   }
 
-  /** The wheel zooms only after the view was focused, so that it scrolls otherwise. */
+  /** Zoom by the wheel only if the view has the focus or Ctrl is pressed; otherwise the page scrolls. */
   private wheel(e: WheelEvent): void {
     if (document.activeElement !== this.canvas && !e.ctrlKey) return;
     e.preventDefault();

@@ -36,10 +36,10 @@ export function axesOf({ target, distance, around, above }: Orbit): Axes {
   return { eye: add(target, back, distance), right, up: cross(right, forward), forward };
 }
 
-/** Distance of the near plane, mm. */
+/** Return the distance of the near plane, mm. */
 export const nearOf = (orbit: Orbit): number => NEAR_SHARE * orbit.distance;
 
-/** Projection matrix for an aspect ratio. */
+/** Return the projection matrix for an aspect ratio. */
 export function matrixOf(orbit: Orbit, aspect: number): Matrix {
   const { eye, right, up, forward } = axesOf(orbit);
   const zoom = 1 / Math.tan(FIELD / 2);

@@ -42,7 +42,7 @@ export function raysOf(table: Columns): Ray[] {
 
 const near0 = (mm: number): number => (Math.abs(mm) < 1e-6 ? 0 : mm);
 
-/** Ray closest to a screen position, within a maximum distance in px. */
+/** Return the ray closest to a screen position, within a maximum distance in px. */
 export function nearest(
   rays: Ray[],
   matrix: Matrix,
@@ -69,7 +69,7 @@ export function nearest(
 
 type Place = [number, number, number, number];
 
-/** Part of a line in front of the near plane. */
+/** Return the part of a line in front of the near plane. */
 function inFront(a: Place, b: Place): [Place, Place] | null {
   const least = 1e-6 * (Math.abs(a[3]) + Math.abs(b[3]));
   if (a[3] < least && b[3] < least) return null;
@@ -80,7 +80,7 @@ function inFront(a: Place, b: Place): [Place, Place] | null {
   return [a[3] < least ? cut(a, b) : a, b[3] < least ? cut(b, a) : b];
 }
 
-/** Distance of a point from a line segment. */
+/** Return the distance of a point from a line segment. */
 function apart([x, y]: readonly number[], [ax, ay]: number[], [bx, by]: number[]): number {
   const [dx, dy] = [bx - ax, by - ay];
   const t = Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));

@@ -25,7 +25,7 @@ export function frameOf(block: Columns): Frame {
   return { axes: [of("x"), of("y"), of("z")], origin: of("origin") };
 }
 
-/** Surface of revolution of a profile; NaN interrupts it. */
+/** Create the surface of revolution of a profile; NaN interrupts it. */
 export function revolved(profile: Columns, frame: Frame): Mesh {
   const [r, z] = [profile.column("r_mm"), profile.column("z_mm")];
   const strips = Array.from({ length: profile.rows - 1 }, (_, i) => {
@@ -56,14 +56,14 @@ export function revolved(profile: Columns, frame: Frame): Mesh {
 
 type Flat = readonly [r: number, z: number];
 
-/** Normal of a profile segment; null if it is degenerate or interrupted. */
+/** Return the normal of a profile segment; null if it is degenerate or interrupted. */
 function squareTo(r: Float32Array, z: Float32Array, i: number): Flat | null {
   const [dr, dz] = [r[i + 1] - r[i], z[i + 1] - z[i]];
   const length = Math.hypot(dr, dz);
   return length > 0 ? [dz / length, -dr / length] : null;
 }
 
-/** Mean of two normals at a smooth edge. */
+/** Return the mean of two normals at a smooth edge. */
 function between(own: Flat, other: Flat | null): Flat {
   if (!other || own[0] * other[0] + own[1] * other[1] < SMOOTH) return own;
   const [r, z] = [own[0] + other[0], own[1] + other[1]];
@@ -71,7 +71,7 @@ function between(own: Flat, other: Flat | null): Flat {
   return [r / length, z / length];
 }
 
-/** Ring of a profile point: positions and normals. */
+/** Return the ring of a profile point: positions and normals. */
 function ring(
   { axes: [x, y, z], origin }: Frame,
   radius: number,
@@ -88,7 +88,7 @@ function ring(
   return corners;
 }
 
-/** Bounding box of meshes. */
+/** Return the bounding box of meshes. */
 export function boundsOf(meshes: Mesh[]): [low: Vec3, high: Vec3] {
   const [low, high] = [
     [Infinity, Infinity, Infinity],
@@ -103,7 +103,7 @@ export function boundsOf(meshes: Mesh[]): [low: Vec3, high: Vec3] {
   return [low as unknown as Vec3, high as unknown as Vec3];
 }
 
-/** The twelve edges of each box as segments. */
+/** Return the twelve edges of each box as segments. */
 export function edgesOf(boxes: Columns): [Vec3, Vec3][][] {
   const [low, high] = ["0", "1"].map((end) =>
     ["x", "y", "z"].map((axis) => boxes.column(axis + end)),

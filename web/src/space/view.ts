@@ -235,7 +235,7 @@ export class SpaceView {
   }
 }
 
-/** Parts of a response: names and profiles. */
+/** Return the parts of a response: names and profiles. */
 const partsOf = (found: Answered): { name: string; block: string }[] =>
   found.blocks
     .filter((b) => b.name.startsWith("part "))

@@ -9,10 +9,10 @@ const NODES = 361; // samples of a curve
 const PROFILE = 121; // samples of a mirror profile, axis to rim
 const IMAGE_NODES = 3; // stride of field angles for the curves of virtual images
 const MARKS_DEG = 15;
-const PARALLEL = 1e-12; // cosine of an edge-on plane
-const NEAR_OBJECTS = 5; // rim radii
+const PARALLEL = 1e-12; // cosine of incidence below which a plane counts as edge-on
+const NEAR_OBJECTS = 5; // distance, in rim radii
 const TELECENTRIC_LENS = 2.5; // drawn position of a telecentric lens, in rim radii
-const LENS_HALF_WIDTH = 0.18; // of the rim radius
+const LENS_HALF_WIDTH = 0.18; // relative to the rim radius
 const ROUNDS = 8; // initial spacing of the search for mirror points; each iteration refines by about 100
 const AT_ONCE = "Optimisation requires the program: pip install omnimirror.";
 
@@ -37,7 +37,7 @@ export class Answerer {
     }
   }
 
-  /** Distance that minimises the maximum floored area, mm. */
+  /** Return the distance that minimises the maximum floored area, mm. */
   bestFocus(tables: DesignRequest["tables"], object: number | null): number {
     const ideal = idealOf(tables, this.held.start);
     const best = this.kernel.evaluate(ideal, spread(0, 1, NODES), object, null);
@@ -89,7 +89,7 @@ const unusable = (): InvalidDesign =>
 const spread = (from: number, to: number, count: number): number[] =>
   Array.from({ length: count }, (_, i) => from + ((to - from) * i) / (count - 1));
 
-/** Fractions of the rim radius for the field angles: linear initial values, refined by the secant method. */
+/** Compute the fractions of the rim radius for the field angles: linear initial values, refined by the secant method. */
 function fractionsOf(
   omega: readonly number[],
   even: Float64Array,
@@ -146,13 +146,13 @@ function factsOf(tables: DesignRequest["tables"], ideal: Ideal, curve: Columns):
 
 const finite = (value: number): number | null => (Number.isFinite(value) ? value : null);
 
-/** Radius of the largest inscribed circle about the axis, px. */
+/** Return the radius of the largest inscribed circle about the axis, px. */
 function inscribed({ width_px: w, height_px: h, centre_px: centre }: Tables): number {
   const [u, v] = (centre as [number, number] | undefined) ?? [(w - 1) / 2, (h - 1) / 2];
   return Math.min(u, v, w - 1 - u, h - 1 - v) + 0.5;
 }
 
-/** Depth of field: distances at which the blur is one pixel, mm (Eqs. 30, 31). */
+/** Compute the depth of field: distances at which the blur is one pixel, mm (Eqs. 30, 31). */
 function depthOfField(
   { focalLength: f, fNumber: F, magnification: mu, pitch }: Ideal,
   focus: number,
@@ -173,7 +173,7 @@ interface Field {
   near: Columns;
 }
 
-/** Mirror, lens, chief rays, virtual images and depth of field in the mirror frame, like analysis/cross_section.py. */
+/** Compute mirror, lens, chief rays, virtual images and depth of field in the mirror frame, like analysis/cross_section.py. */
 function sectionOf(
   ideal: Ideal,
   field: Field,
@@ -235,7 +235,7 @@ function sectionOf(
 
 const places = ({ name, x, z }: Places): Columned => tableOf(name, { x_mm: x, z_mm: z });
 
-/** Columns of Evaluation that are plotted. */
+/** Return the columns of Evaluation that are plotted. */
 function curves(
   name: string,
   { rim }: Ideal,
@@ -243,7 +243,7 @@ function curves(
   c: Columns,
   object: number | null,
 ): Columned {
-  const across = ((object ?? Infinity) * Math.PI) / 180; // of one degree, perpendicular to the ray
+  const across = ((object ?? Infinity) * Math.PI) / 180; // width of one degree at the object, perpendicular to the ray, mm
   const omega = (i: number): number => (c.omega_deg[i] * Math.PI) / 180;
   const per = (of: (i: number) => number): number[] => fractions.map((_, i) => of(i));
   const { dh_domega_px_per_deg: dh, width_px_per_deg: dw } = c;

@@ -46,7 +46,7 @@ const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   "even-polynomial": (t) => ({ conic: null, coefficients: ofRim(t, 1), first: 1 }),
 };
 
-/** Coefficients of powers of x / N, in units of the normalisation radius N, converted to the rim radius M. */
+/** Convert coefficients of powers of x / N, in units of the normalisation radius N, to the rim radius M. */
 function ofRim(table: Tables, first: number): number[] {
   const N = number(table, "normalization_radius_mm", 1);
   const M = number(table, "rim_radius_mm");
@@ -55,7 +55,7 @@ function ofRim(table: Tables, first: number): number[] {
   );
 }
 
-/** Input of the evaluator for a design; throws if a number is outside its valid range. */
+/** Return the input of the evaluator for a design; throws if a number is outside its valid range. */
 export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   const { mirror, lens, imager, mount } = tables;
   within("mirror", partOf("mirror", parts.mirrors, mirror), mirror);
@@ -100,7 +100,7 @@ export function idealOf(tables: Sections, parts: BenchStart): Ideal {
   return ideal;
 }
 
-/** Maximum radius of a conic, mm. */
+/** Return the maximum radius of a conic, mm. */
 const reach = ({ conic }: Ideal): number =>
   conic && conic.constant > -1 ? conic.radius / Math.sqrt(1 + conic.constant) : Infinity;
 
@@ -122,7 +122,7 @@ function within(section: string, part: PartInfo, table: Tables): void {
   }
 }
 
-/** Same message as base/parameters.py. */
+/** Check a parameter against its valid range; the message is that of base/parameters.py. */
 function check(section: string, { name, low, high, unit }: ParameterInfo, value: number): void {
   if (value >= low && value <= high) return;
   const of = unit ? ` ${unit}` : "";

@@ -154,7 +154,7 @@ export class Kernel {
 /** Diameter of the Airy disk. */
 export const WAVELENGTH_NM = 550;
 
-/** Sag, slope and curvature of each term at each fraction (optics/batch/families.py). */
+/** Compute sag, slope and curvature of each term at each fraction (optics/batch/families.py). */
 function basis({ coefficients, first }: Ideal, fractions: ArrayLike<number>): number[] {
   const rows = (of: (u: number, n: number) => number): number[] =>
     coefficients.flatMap((_, i) => Array.from(fractions, (u) => of(u, 2 * (first + i))));

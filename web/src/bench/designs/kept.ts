@@ -14,7 +14,7 @@ interface Kept {
 
 const KEY = "omnimirror-bench";
 
-/** Stored state of this tab, or of the last tab; invalid parts are omitted. */
+/** Return the stored state of this tab, or of the last tab; invalid parts are omitted. */
 export function kept(parts: BenchStart): Kept | null {
   for (const shelf of [sessions, locals]) {
     const found = parsed(taken(shelf, KEY) ?? "null") as Partial<Kept> | null | undefined;

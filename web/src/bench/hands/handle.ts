@@ -25,7 +25,7 @@ const ARROWS: Record<string, readonly [number, number]> = {
   ArrowUp: [0, -1],
 };
 
-/** Draggable element of a plot; arrow keys move it, with Shift ten times as far. */
+/** Create a draggable element of a plot; arrow keys move it, with Shift ten times as far. */
 export function handle(className: string, title: string, drag: Drag): HTMLElement {
   const element = h("div", {
     className: `handle ${className}`,

@@ -115,7 +115,7 @@ export class LimitLines implements Over {
   }
 }
 
-/** Lines of the limits of a named result, which is also the name of their column. */
+/** Return the lines of the limits of a named result, which is also the name of their column. */
 export function linesOf(
   requirements: Tables | null,
   rows: readonly RequirementResult[],

@@ -4,7 +4,7 @@ import type { Area, Curves, Over } from "../plots/charts";
 import { interpolated } from "../plots/cursor";
 import { type BendHands, handle, place } from "./handle";
 
-const AT = [0.25, 0.5, 0.75]; // of the field
+const AT = [0.25, 0.5, 0.75]; // fractions of the field
 
 /** Handles on the curve of image height; the mapping is deformed to pass through them. */
 export class MappingHandles implements Over {

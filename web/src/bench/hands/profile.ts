@@ -10,7 +10,7 @@ interface Drawing {
   at: (point: [z: number, x: number]) => [left: number, top: number];
 }
 
-const AT = [0.5, 1]; // of the rim radius
+const AT = [0.5, 1]; // fractions of the rim radius
 const APART = 25; // minimum spacing of handles, px
 
 /** Handles on the mirror in the cross-section; the profile is deformed to pass through them. */

@@ -168,7 +168,7 @@ export class Field {
     this.slider.setAttribute("aria-valuetext", `${words(value)} ${unitWords(this.p.unit)}`.trim());
   }
 
-  /** Initial value, usual range and valid range. */
+  /** Mark initial value, default and valid range on the slider, as far as they are within its range. */
   private mark(): void {
     const { low, high } = this.scale;
     const all: [string, number][] = [

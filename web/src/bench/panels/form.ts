@@ -122,7 +122,7 @@ export class Form {
     write(this.problem, isOfNoField ? labelledMessage(trouble.sentence) : "");
   }
 
-  /** Entries of the visible sliders with sample values. */
+  /** Return the entries of the visible sliders with sample values. */
   slides(): SliderValues[] {
     const seen = [...this.fields].filter(
       ([key, field]) => key !== DISTANCE && !field.element.closest("details:not([open])"),
@@ -197,7 +197,7 @@ export class Form {
       : [this.number(`${section}.${p.name}`, p, label(p.name), value as number)];
   }
 
-  /** Rarely used parameters, collapsed. */
+  /** Create the collapsed group of rarely used parameters. */
   private more(section: string, fields: HTMLElement[]): HTMLElement {
     const details = h(
       "details",
@@ -301,7 +301,7 @@ export class Form {
     ];
   }
 
-  /** Misalignment of the mirror, and a button that resets it. */
+  /** Create the fields for the misalignment of the mirror, and a button that resets it. */
   private pose(table: Tables): HTMLElement[] {
     const fields = this.parts.pose.parameters.flatMap((p) =>
       this.entry("mirror_pose", p, table[p.name] ?? 0),
@@ -359,7 +359,7 @@ export class Form {
       : [this.number(DISTANCE, FAR, "Object distance", design.distance), far];
   }
 
-  /** Properties of a design that determine the set of fields. */
+  /** Return the properties of a design that determine the set of fields. */
   private shapeOf({ tables, follows, distance }: Design): string {
     const of = (part: PartInfo, table: Tables): unknown =>
       part.parameters.map((p) =>

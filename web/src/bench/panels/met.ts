@@ -5,7 +5,7 @@ export type Span = readonly [from: number, to: number];
 
 const STEPS = 8;
 
-/** Sampled positions: equidistant, and the current one. */
+/** Return the sampled positions: equidistant, and the current one. */
 export const placesWith = (place: number): number[] =>
   [...new Set([...Array.from({ length: STEPS + 1 }, (_, i) => i / STEPS), place])].sort(
     (a, b) => a - b,
@@ -14,7 +14,7 @@ export const placesWith = (place: number): number[] =>
 /** Violation of each requirement, negative if met; null for an invalid design. */
 export type Missed = readonly number[] | null;
 
-/** Intervals in which all requirements are met, by linear interpolation of the violations between samples. */
+/** Return the intervals in which all requirements are met, by linear interpolation of the violations between samples. */
 export function metSpans(places: readonly number[], missed: readonly Missed[]): Span[] {
   const spans: [number, number][] = [];
   for (let i = 0; i + 1 < missed.length; i++) {
@@ -28,7 +28,7 @@ export function metSpans(places: readonly number[], missed: readonly Missed[]): 
   return spans;
 }
 
-/** Feasible part of an interval between two samples; half of it next to an invalid design. */
+/** Return the feasible part of an interval between two samples; half of it next to an invalid design. */
 function metBetween(left: Missed, right: Missed): Span | null {
   if (!left || !right || left.length !== right.length) {
     const isMet = [left, right].map((missed) => missed?.every((m) => m <= 0));

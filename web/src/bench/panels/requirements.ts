@@ -43,7 +43,7 @@ export class RequirementsPanel {
     );
   }
 
-  /** Scroll them into view. */
+  /** Scroll the requirements into view. */
   reveal(): void {
     this.place.scrollIntoView({ block: "start" });
   }
@@ -312,7 +312,7 @@ const spanOf = (value: unknown): [number, number] =>
       ? [value, value]
       : [1e12, 1e12];
 
-/** Result as symbol and text. */
+/** Return the result as symbol and text. */
 function verdictOf(row: RequirementResult): HTMLElement[] {
   const unit = unitWords(row.unit);
   const isJust =

@@ -10,9 +10,9 @@ export interface Scale {
 }
 
 const REACH = 2.5;
-const WIDEST = 400; // range displayed completely
+const WIDEST = 400; // maximum width of a range that the slider covers completely
 
-/** Slider scale around a value: complete range if short, logarithmic for positive values, or an interval around the value. */
+/** Return a slider scale around a value: complete range if short, logarithmic for positive values, or an interval around the value. */
 export function scaleOf(p: ParameterInfo, value: number): Scale {
   if (p.high - p.low <= WIDEST) return even(p.low, p.high, p);
   if (p.low > 0 && value > 0) {

@@ -39,7 +39,7 @@ export interface Drawn {
   found: Found;
 }
 
-/** Curves of a design, one per column; of a difference, the current design minus this one. */
+/** Curves of a design, one per column; if differences are plotted, the current design minus this one. */
 export interface Curves {
   of: Drawn;
   omega: Float32Array;
@@ -53,7 +53,7 @@ const HEIGHT = 164;
 const [DASH, DOT, GAP, WIDE_GAP] = [12, 2, 2.5, 6]; // px
 const AXIS_FONT = "11px system-ui, sans-serif";
 const STEP_DEG = 1;
-const POINT = 0.1; // excluded central part of the image radius, where a degree of azimuth has no length
+const POINT = 0.1; // excluded central part, relative to the maximum image radius; there, a degree of azimuth has no length
 const STEEP = 4; // ratio to the spread above which central values are excluded from the scale
 const SAME = 4e-6; // relative difference below which values are equal within single precision
 const REACH = 1; // distance of included limits from the curves, relative to their spread
@@ -140,7 +140,7 @@ export class ChartView {
     return tables.length === 1 ? tables[0] : uPlot.join(tables);
   }
 
-  /** Range of values, without those next to a pointed apex. */
+  /** Return the range of values, without those next to a pointed apex. */
   private spread(): [number, number] {
     const all: [number, number] = [Infinity, -Infinity];
     const outside: [number, number] = [Infinity, -Infinity];
@@ -161,7 +161,7 @@ export class ChartView {
     return Number.isFinite(range[0]) ? range : [0, 1];
   }
 
-  /** The largest value within the range of a quantity with poles. */
+  /** Return the upper limit of the plotted range for a quantity with poles: a multiple of the median. */
   private most(): number {
     if (this.chart.reach === Infinity) return Infinity;
     const values = this.curves
@@ -171,7 +171,7 @@ export class ChartView {
     return this.chart.reach * (values[values.length >> 1] ?? Infinity);
   }
 
-  /** Range including overlays that are close to the curves. */
+  /** Return the range including overlays that are close to the curves. */
   private reaching([low, high]: [number, number]): [number, number] {
     if (this.isDifference) return this.isSame ? [-this.largest(), this.largest()] : [low, high];
     const room = REACH * (high - low || Math.abs(high));
@@ -181,13 +181,13 @@ export class ChartView {
     return [Math.min(low, ...near), Math.max(high, ...near)];
   }
 
-  /** Whether current and pinned designs are equal within rounding. */
+  /** Return true if the current and the pinned designs are equal within rounding. */
   private get isSame(): boolean {
     const [low, high] = this.spread();
     return this.isDifference && Math.max(-low, high) <= SAME * this.largest();
   }
 
-  /** Maximum magnitude of the current design; 1 if there are no values. */
+  /** Return the maximum magnitude of the current design; 1 if there are no values. */
   private largest(): number {
     const values = this.curvesOf(this.drawn[0]).values.flatMap((column) =>
       Array.from(column, Math.abs),
@@ -241,7 +241,7 @@ export class ChartView {
     };
   }
 
-  /** Pinned designs first, so that the current one is drawn on top. */
+  /** Return the curves in drawing order: pinned designs first, so that the current one is drawn on top. */
   private bottomUp(): Curves[] {
     return [...this.curves].reverse();
   }
@@ -314,7 +314,7 @@ export class ChartView {
       over.lay(area, this.isDifference ? null : (this.curves[0] ?? null));
   }
 
-  /** Values of a design in the chart; null if there are none. */
+  /** Return the values of a design in the chart; null if there are none. */
   private table({ found }: Drawn): Table | null {
     const { block, columns } = this.chart;
     const names = found.blocks.find((b) => b.name === block)?.columns ?? [];
@@ -403,7 +403,7 @@ export class ChartView {
     this.resting = note;
   }
 
-  /** Legend, displayed without a cursor. */
+  /** Return the legend, which is displayed without a cursor. */
   private note(): string {
     const { columns } = this.chart;
     const lines =
@@ -434,14 +434,14 @@ export class ChartView {
   }
 }
 
-/** Line of a design, distinguishable without colour; dashed columns have wide gaps. */
+/** Return the dash pattern of a design, which distinguishes it without colour; dashed columns have wide gaps. */
 export function dashes(dots: number, isDashed = false): number[] | undefined {
   const gap = isDashed ? WIDE_GAP : GAP;
   if (!dots) return isDashed ? [6, 4] : undefined;
   return [DASH, gap, ...Array.from({ length: dots }, () => [DOT, gap]).flat()];
 }
 
-/** Buttons that save a plot. */
+/** Create the buttons that save a plot. */
 export function files(
   title: string,
   saved: (kind: "svg" | "csv") => void,

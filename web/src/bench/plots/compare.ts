@@ -55,7 +55,7 @@ export class CompareTable {
     );
   }
 
-  /** Rows are reused, so that their buttons keep the focus. */
+  /** Display the designs; rows are reused, so that their buttons keep the focus. */
   show(drawn: Drawn[]): void {
     if (drawn.length !== this.rows.length) {
       this.rows = drawn.map((_, i) => new Row(i, this.hands));

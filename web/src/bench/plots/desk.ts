@@ -164,7 +164,7 @@ export class Desk {
     }
   }
 
-  /** Chart with its overlays. */
+  /** Create a chart with its overlays. */
   private charted(chart: Chart): ChartView {
     const lines = new LimitLines(this.hands.limits);
     const isMapping = chart.columns[0].name === "h_px" && !alone;

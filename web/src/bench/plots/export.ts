@@ -27,7 +27,7 @@ const STYLE = [
   "paint-order",
 ];
 
-/** Curves over the field angle with axes and legend as SVG. */
+/** Return curves over the field angle with axes and legend as SVG. */
 export function svgOf(
   title: string,
   unit: string,
@@ -78,7 +78,7 @@ export function svgOf(
   ].join("\n");
 }
 
-/** Curves as a table: name of the design, field angle, columns. */
+/** Return curves as CSV: name of the design, field angle, columns. */
 export function csvOf(
   columns: readonly string[],
   designs: readonly { name: string; rows: readonly (readonly number[])[] }[],
@@ -92,7 +92,7 @@ export function csvOf(
   return [["design", "omega_deg", ...columns].join(","), ...rows, ""].join("\n");
 }
 
-/** Drawing of the page with inlined styles. */
+/** Return a drawing of the page as SVG with inlined styles. */
 export function standalone(drawing: SVGElement): string {
   const copy = drawing.cloneNode(true) as SVGElement;
   const [from, to] = [drawing, copy].map(

@@ -51,7 +51,7 @@ export interface Chart {
   hint: string;
 }
 
-/** Plots with the titles of their columns. */
+/** Return the plots with the titles of their columns. */
 export const chartsOf = (vocabulary: QuantityInfo[]): Chart[] =>
   PLOTS.map(({ group, columns, places, title, reach }) => {
     const quantities = columns.map((name) => vocabulary.find((q) => q.name === name)!);

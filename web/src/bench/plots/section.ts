@@ -180,7 +180,7 @@ export class SectionView {
     frame.end();
   }
 
-  /** Ray of the cursor with its virtual images. */
+  /** Draw the ray of the cursor with its virtual images. */
   private drawCursor(): void {
     for (const place of [this.whole, this.close]) place.querySelector(".read")?.remove();
     const { omega } = this.cursor;
@@ -246,7 +246,7 @@ class Frame {
     ];
   }
 
-  /** Distance from the axis of a height in the drawing, mm. */
+  /** Return the distance from the axis of a height in the drawing, mm. */
   across(v: number): number {
     return this.window.x[0] + (this.height - this.origin[1] - v) / this.scale;
   }
@@ -292,7 +292,7 @@ class Frame {
       this.texts.push({ at: this.at(shown[shown.length - 1]), text, anchor: "start" });
   }
 
-  /** Chief ray: from the edge of the drawing to the mirror and to the lens. */
+  /** Draw a chief ray: from the edge of the drawing to the mirror and to the lens. */
   ray(table: Table, ink: string): void {
     const omega = Number(table.name.slice(4));
     const points = pointsOf(table);
@@ -357,7 +357,7 @@ class Frame {
     this.drawing.end();
   }
 
-  /** Entry point of the ray from an object into the drawing. */
+  /** Return the entry point of the ray from an object into the drawing. */
   private edge([z, x]: Point, omega: number): Point {
     const angle = (omega * Math.PI) / 180;
     const [dz, dx] = [-Math.cos(angle), Math.sin(angle)];

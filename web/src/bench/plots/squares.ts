@@ -219,13 +219,13 @@ export class SquaresView {
   }
 }
 
-/** Ellipse with semi-axes in px and a minimum visible size. */
+/** Return the path of an ellipse with semi-axes in px and a minimum visible size. */
 function spot(x: number, y: number, across: number, down: number): string {
   const [rx, ry] = [across, down].map((size) => Math.max(SMALLEST, Math.abs(size) / 2));
   return `M${x - rx} ${y}a${rx} ${ry} 0 1 0 ${2 * rx} 0a${rx} ${ry} 0 1 0 ${-2 * rx} 0z`;
 }
 
-/** Description of a square with units. */
+/** Return the description of a square with units. */
 function reading(table: Table, i: number): string {
   const at = (name: string): string => words(Math.abs(table.column(name)[i]), 3);
   const size = ["dh_domega_px_per_deg", "width_px_per_deg"].map((name) =>

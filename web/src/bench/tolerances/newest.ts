@@ -12,7 +12,7 @@ export class Newest<Asked, Found> {
     private readonly refused: (sentence: string) => void,
   ) {}
 
-  /** Whether no request is active or pending. */
+  /** Return true if no request is active or pending. */
   get isAtRest(): boolean {
     return !this.isAsking && this.waiting === null;
   }

@@ -146,7 +146,7 @@ export class TolerancesPanel {
     if (this.isOpen && tables !== this.tables) this.errors.ask({ tables });
   }
 
-  /** Design to be rendered: with errors, if errors of this design are set. */
+  /** Return the design to be rendered: with errors, if errors of this design are set. */
   pictured(design: Design): Design {
     const tables = this.isOpen && design.tables === this.tables ? this.last?.tables : null;
     return tables ? { ...design, tables } : design;
@@ -398,7 +398,7 @@ export class TolerancesPanel {
   }
 }
 
-/** Selection with its title; `offer` replaces the options. */
+/** Create a selection with its title; `offer` replaces the options. */
 function select(
   title: string,
   all: readonly (readonly [string, string])[],

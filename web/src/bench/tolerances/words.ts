@@ -12,11 +12,11 @@ const CALIBRATIONS: Record<string, string> = {
 };
 export const calibrationWords = (name: string): string => CALIBRATIONS[name] ?? name;
 
-/** Displayed name of a displacement merit after a calibration. */
+/** Return the displayed name of a displacement merit after a calibration. */
 export const meritName = (quantity: string, after: string): string =>
   after === "none" ? quantity : `${quantity} after ${after}`;
 
-/** Part and parameter of an error: "imager.tilt_x_deg" is "Imager" and "tilt x". */
+/** Return part and parameter of an error: "imager.tilt_x_deg" is "Imager" and "tilt x". */
 export function partAndError(name: string): [string, string] {
   const [part, own] = name.split(/\.(.*)/);
   const text = label((own ?? name).replace(/_ppm$|_k$/, "")).replace(/^Zernike (\d+)$/, "Form Z$1");
@@ -38,7 +38,7 @@ const NOTHING = 5e-4; // px or degrees: resolution of displayed values
 export const sizeWords = (value: number | null | undefined, unit: string): string =>
   typeof value === "number" && value < NOTHING ? `< 0.001${unit}` : `${words(value, 3)}${unit}`;
 
-/** Magnification of displacements, 1, 2, 5, ... 1000, for a given maximum length. */
+/** Return the magnification of displacements, 1, 2, 5, ... 1000, for a given maximum length. */
 export function enlargement(largest: number, most: number): number {
   let times = 1;
   for (let power = 1; power < MAX_TIMES; power *= 10)

@@ -177,7 +177,7 @@ export class WebcamPane {
   }
 }
 
-/** Recommended next position of the target. */
+/** Return the recommended next position of the target. */
 const advice = ({ advice: all }: MultiImageSummary): string =>
   all.find((sentence) => !sentence.startsWith("Take more images")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));

@@ -38,7 +38,7 @@ export class Gallery {
     }
   }
 
-  /** One permanent button per image, so that a press during an update is not lost. */
+  /** Create one permanent button per image, so that a press during an update is not lost. */
   private begun(shot: Shot): Item {
     const button = h("button", { type: "button", onclick: () => this.choose(shot) });
     const begun = { item: h("li", {}, button), button, shown: "" };
@@ -66,7 +66,7 @@ function fill(button: HTMLElement, shot: Shot, isChosen: boolean): void {
   );
 }
 
-/** Overlay of the detected corners. */
+/** Create the overlay of the detected corners. */
 function cornersOf(shot: Shot): SVGElement | null {
   if (!shot.seen?.ids.length) return null;
   const [width, height] = shot.seen.image_size;

@@ -21,7 +21,7 @@ const figure = (title: string, note: string, drawing: Element): HTMLElement =>
     drawing,
   );
 
-/** Distribution of corners over the field; darker cells contain more corners. */
+/** Plot the distribution of corners over the field; darker cells contain more corners. */
 export function coveragePlot(
   shown: CoverageInfo,
   size: readonly [number, number],
@@ -59,7 +59,7 @@ export function coveragePlot(
   );
 }
 
-/** Residual vectors in the image. */
+/** Plot the residual vectors in the image. */
 export function residualPlot(found: CalibrationResult): HTMLElement {
   const all = found.pictures.flatMap((p) => p.residuals);
   const times = timesFor(found.rms_px, ARROW * Math.max(...found.image_size));
@@ -83,7 +83,7 @@ export function residualPlot(found: CalibrationResult): HTMLElement {
   return figure("Residuals in the image", `magnified ${times} times`, drawing);
 }
 
-/** Radial and tangential residuals. */
+/** Plot radial and tangential residuals over the image radius. */
 export function radiusPlot(found: CalibrationResult): HTMLElement {
   const rows = byRadius(
     found.pictures.flatMap((p) => p.residuals),

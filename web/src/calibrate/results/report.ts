@@ -6,7 +6,7 @@ import { radiusPlot, residualPlot } from "./plots";
 
 const MAX_OUTLIERS = 40;
 
-/** Result of a calibration: values and residuals. */
+/** Create the summary of a calibration: values and residuals. */
 export function resultsOf(found: CalibrationResult): HTMLElement[] {
   const used = found.pictures.filter((p) => p.used).length;
   const numbers: [string, string][] = [
@@ -32,7 +32,7 @@ export function resultsOf(found: CalibrationResult): HTMLElement[] {
   ];
 }
 
-/** Tables of images, parameters, models and outliers. */
+/** Create the tables of images, parameters, models and outliers. */
 export const tablesOf = (
   found: CalibrationResult,
   choose: (picture: string) => void,
@@ -43,7 +43,7 @@ export const tablesOf = (
   outliers(found),
 ];
 
-/** Messages as a list. */
+/** Create a list of messages. */
 export const list = (className: string, sentences: readonly string[]): HTMLElement =>
   h("ul", { className, hidden: !sentences.length }, ...sentences.map((s) => h("li", {}, s)));
 

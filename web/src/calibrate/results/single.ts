@@ -116,7 +116,7 @@ export class Single {
     );
   }
 
-  /** Target undistorted with the calibrated camera. */
+  /** Display the target undistorted with the calibrated camera. */
   private async straighten(shot: Shot, found: CalibrationResult | null): Promise<void> {
     const place = found?.places.find((p) => p.picture === shot.name);
     this.straightFigure.hidden = !place;

@@ -171,7 +171,7 @@ export class Renderer {
       }
   }
 
-  /** Image coordinates of the view, (u, v, visible, 1) by row from the top, for tests. */
+  /** Return the image coordinates of the view, (u, v, visible, 1) by row from the top, for tests. */
   coordinates(view: View): Float32Array {
     const { gl } = this;
     if (!gl.getExtension("EXT_color_buffer_float"))

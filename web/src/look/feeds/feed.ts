@@ -39,7 +39,7 @@ const WITH_EXIF = /^image\/(png|jpeg|webp)$/; // formats that browser and server
 const RETRY_MS = 1500; // delay after a lost connection, ms
 const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 
-/** Image file; formats that the browser does not support are converted by the server. */
+/** Open an image file; the server converts formats that the browser does not support. */
 export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
   let file = blob;
   const bitmap = await createImageBitmap(file, DECODING).catch(async () => {
@@ -60,7 +60,7 @@ export async function pictureFeed(blob: Blob, name: string, hasServer: boolean):
   };
 }
 
-/** Video file, played in a loop. */
+/** Open a video file, played in a loop. */
 export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
   const address = URL.createObjectURL(blob);
   const after = (): void => URL.revokeObjectURL(address);
@@ -70,7 +70,7 @@ export async function videoFeed(blob: Blob, name: string): Promise<Feed> {
   });
 }
 
-/** Video at a URL, played in a loop. */
+/** Open a video at a URL, played in a loop. */
 export async function addressFeed(
   address: string,
   name: string,
@@ -93,7 +93,7 @@ export async function addressFeed(
   return { ...ofVideo(video, name, after), video };
 }
 
-/** Webcam. */
+/** Open a webcam. */
 export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
   const { video, name, device } = await openedWebcam(id, lost);
   return { ...ofVideo(video, name), device };
@@ -176,7 +176,7 @@ export function streamFeed(
 
 const cancelled = (): DOMException => new DOMException("Another source was opened.", "AbortError");
 
-/** Current frame as a file with a maximum size, and the scale factor from it to the feed. */
+/** Return the current frame as a file with a maximum size, and the scale factor from it to the feed. */
 export async function fileOf(
   feed: Feed,
   longest = Infinity,

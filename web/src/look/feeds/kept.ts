@@ -5,7 +5,7 @@ export interface Kept {
   blob: Blob;
   name: string;
   optics?: "mirror" | "fisheye";
-  /** Whether it was created by the page and is not stored in a folder. */
+  /** Whether the page created it, so that no file of the user contains it. */
   isMade?: boolean;
 }
 
@@ -43,7 +43,7 @@ export async function keepPicture({ id }: Identity, value: Kept): Promise<void> 
 
 export const keptPicture = ({ id }: Identity): Promise<Kept | undefined> => kept(`picture ${id}`);
 
-/** Identity of a file: 64-bit hash of its bytes. */
+/** Return the identity of a file: 64-bit hash of its bytes. */
 export async function identityOf(blob: Blob, name: string): Promise<Identity> {
   const step = blob.size / PIECES;
   const pieces = Array.from({ length: PIECES }, (_, i) =>
@@ -55,7 +55,7 @@ export async function identityOf(blob: Blob, name: string): Promise<Identity> {
   return { id: [low, high].map((word) => word.toString(16).padStart(8, "0")).join(""), name };
 }
 
-/** Two hashes like FNV with different multipliers. */
+/** Compute two hashes like FNV with different multipliers. */
 async function summed(blob: Blob): Promise<[number, number]> {
   let [low, high] = [0xdeadbeef, 0x41c6ce57];
   for (let from = 0; from < blob.size; from += PIECE_BYTES) {
@@ -70,10 +70,10 @@ async function summed(blob: Blob): Promise<[number, number]> {
   return [low >>> 0, high >>> 0];
 }
 
-/** Source name of a stored image. */
+/** Return the source name of a stored image. */
 export const sourceOf = ({ id, name }: Identity): string => `kept:${id}:${name}`;
 
-/** Identity in a source name; null for other sources. */
+/** Return the identity in a source name; null for other sources. */
 export function identityIn(source: string): Identity | null {
   const found = /^kept(?::([0-9a-f]{16}):(.*))?$/s.exec(source);
   return found && { id: found[1] ?? "", name: found[2] ?? "" };

@@ -18,7 +18,7 @@ interface Hands {
 /** Images and cameras of additional views; kept as long as the views exist. */
 export class Others {
   private readonly feeds = new Map<string, Feed | null>(); // by source; null while opening
-  private readonly opening = new Map<string, AbortController>(); // cancel functions of those that are opening
+  private readonly opening = new Map<string, AbortController>(); // cancellation of the feeds that are opening
   private readonly cameras = new Map<string, Camera | null>();
   private readonly troubles = new Map<string, string>(); // error messages by source or camera
 
@@ -40,13 +40,13 @@ export class Others {
     }
   }
 
-  /** Image and camera of a state; null while loading. */
+  /** Return the image and camera of a state; null while loading. */
   seenBy(s: State): Seen | null {
     const [feed, camera] = [this.feeds.get(s.source), this.cameras.get(nameOf(s))];
     return feed && camera ? { feed, camera: this.hands.fit(camera, feed, s.rim) } : null;
   }
 
-  /** Reason for a missing image; "" if it is available. */
+  /** Return the reason for a missing image; "" if it is available. */
   doubt(s: State): string {
     return this.seenBy(s)
       ? ""

@@ -1,4 +1,4 @@
-/** PNG file with text metadata. */
+/** Insert text metadata into a PNG file. */
 export async function withTexts(png: Blob, texts: Record<string, string>): Promise<Blob> {
   const bytes = new Uint8Array(await png.arrayBuffer());
   const afterHeader = 8 + 25;
@@ -8,7 +8,7 @@ export async function withTexts(png: Blob, texts: Record<string, string>): Promi
   });
 }
 
-/** iTXt chunk: UTF-8, uncompressed. */
+/** Encode an iTXt chunk: UTF-8, uncompressed. */
 function textChunk(key: string, text: string): Uint8Array<ArrayBuffer> {
   const body = new TextEncoder().encode(`iTXt${key}\0\0\0\0\0${text}`);
   const chunk = new Uint8Array(body.length + 8);

@@ -10,7 +10,7 @@ const WIDE = 1.9; // aspect ratio above which a view gets its own row
 const MAX_WIDE = 0.6; // height of all such rows together, relative to the stage
 const GAP = 6; // px
 
-/** Largest centred rectangle with a given aspect ratio; null uses the complete area. */
+/** Return the largest centred rectangle with a given aspect ratio; null uses the complete area. */
 export function within(aspect: number | null, { left, top, width, height }: Cell): Cell {
   if (aspect === null) return { left, top, width, height };
   const w = Math.min(width, height * aspect);
@@ -22,7 +22,7 @@ export function within(aspect: number | null, { left, top, width, height }: Cell
   };
 }
 
-/** Arrangement of several views with given aspect ratios (null: any) that maximises their common size. */
+/** Arrange several views with given aspect ratios (null: any) such that the sum of their sizes (square roots of the areas) is maximal. */
 export function arranged(
   aspects: readonly (number | null)[],
   width: number,
@@ -38,7 +38,7 @@ export function arranged(
 
 const isWide = (aspect: number | null): boolean => aspect !== null && aspect > WIDE;
 
-/** Views in rows of a given length, wide views optionally in their own rows. */
+/** Arrange views in rows of a given maximum length, wide views optionally in their own rows. */
 function rowsOf(
   aspects: readonly (number | null)[],
   most: number,

@@ -73,7 +73,7 @@ export class Camera {
     return { pixel, seen: s >= t.first - 1e-6 && s <= end + 1e-6 && inPicture };
   }
 
-  /** sin(Omega/2) of a target, and cosine and sine of its azimuth. */
+  /** Return sin(Omega/2) of a target, and cosine and sine of its azimuth. */
   private place(target: Vec3, isPoint: boolean): Vec3 {
     const { axis, right, down, tables: t } = this.model;
     const seen: Vec3 = [dot(target, axis), dot(target, right), dot(target, down)];
@@ -112,7 +112,7 @@ export class Camera {
     );
   }
 
-  /** Pixel of a point of the disk sin(Omega/2) (cos, sin). */
+  /** Return the pixel of a point of the disk sin(Omega/2) (cos, sin). */
   private pixelAt(x: number, y: number): Pixel {
     const own = circleOf(this.model);
     let du: number, dv: number;
@@ -136,7 +136,7 @@ export class Camera {
     return a + (b - a) * (place - cell);
   }
 
-  /** Bilinear, sufficient for overlays on the image. */
+  /** Interpolate the pixel lattice bilinearly, which is sufficient for overlays on the image. */
   private latticeAt(x: number, y: number): Pixel {
     const at = this.between(0, this.model.tables.lattice, 2, x, y);
     return [at(0), at(1)];
@@ -170,7 +170,10 @@ export class Camera {
     return a + (b - a) * (place - Math.floor(place));
   }
 
-  /** sin(Omega/2) of a point, including the ray origin, by Newton's method. */
+  /**
+   * Return sin(Omega/2) of a point, including the ray origin, by Newton's method: the root of f(s) = s - sin(Omega(s)/2),
+   * where Omega(s) is the angle of d = point - origin(s), and f'(s) = 1 - cos(Omega/2)/2 (dx z' - dz x') / |d|^2.
+   */
   private solve(across: number, along: number): number {
     const t = this.model.tables;
     const step = (t.last - t.first) / (t.radii - 1);
@@ -187,7 +190,7 @@ export class Camera {
     return s;
   }
 
-  /** The same without rotational symmetry: fixed-point iteration of the ray origin. */
+  /** Return sin(Omega/2) and azimuth of a point without rotational symmetry, by fixed-point iteration of the ray origin. */
   private solveInSpace([along, right, down]: Vec3): Vec3 {
     const { last, lattice, limits, starts } = this.model.tables;
     let found: Vec3 = [0, 1, 0];
@@ -207,19 +210,22 @@ export class Camera {
   }
 }
 
-/** Nominal circle of a camera. */
+/** Return the nominal circle of a camera. */
 export function circleOf(model: CameraInfo): Circle {
   return { u: model.centre_px[0], v: model.centre_px[1], radius: model.rim_radius_px };
 }
 
-/** sin(Omega/2), and cosine and sine of the azimuth, of a vector (axis, right, down). */
+/** Return sin(Omega/2), and cosine and sine of the azimuth, of a vector (axis, right, down). */
 function polar([along, right, down]: Vec3): Vec3 {
   const across = Math.hypot(right, down);
   const [cos, sin] = across > 0 ? [right / across, down / across] : [1, 0];
   return [halfSine(across, along), cos, sin];
 }
 
-/** Sine of half the angle to the axis, without cancellation. */
+/**
+ * Return the sine of half the angle a to the axis without cancellation: the larger of sin(a/2) and cos(a/2) follows from
+ * the sum (1 + |cos a|)/2, and the smaller one from sin a = 2 sin(a/2) cos(a/2).
+ */
 function halfSine(across: number, along: number): number {
   const length = Math.hypot(across, along) || 1;
   const more = Math.sqrt((length + Math.abs(along)) / (2 * length));

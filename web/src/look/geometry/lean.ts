@@ -22,7 +22,7 @@ export function releaned(v: Vec3, from: Lean, to: Lean): Vec3 {
   return sum(...b.map((axis, i) => times(dot(v, a[i]), axis)));
 }
 
-/** Tilt after raising a horizon direction by an angle, degrees. */
+/** Return the tilt after raising a horizon direction by an angle, degrees. */
 export function raised(lean: Lean, panDeg: number, upDeg: number): Lean {
   const [, right] = viewAxes(panDeg, 0);
   const [forward, left, up] = axesOf(lean).map((axis) => turned(axis, right, upDeg * RAD));

@@ -10,7 +10,7 @@ const BEHIND: Record<MountInfo["camera_looks"], Vec3> = {
   forward: [-1, 0, 0],
 };
 
-/** Camera with the requested mount: select the orientation, then rotate and tilt it. */
+/** Return the camera with the requested mount: select the orientation, then rotate and tilt it. */
 export function standing(
   plumb: readonly CameraInfo[],
   own: MountInfo,
@@ -42,7 +42,7 @@ export function standing(
   };
 }
 
-/** Range of elevations of a field about an axis, and the pole closer to the axis. */
+/** Return the range of elevations of a field about an axis, and the pole closer to the axis. */
 function fieldOf(
   axis: Vec3,
   { tables }: CameraInfo,

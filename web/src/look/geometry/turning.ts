@@ -7,7 +7,7 @@ export interface Orientation {
   gamma: number;
 }
 
-/** Direction of the back of a device: east, north, up. */
+/** Return the direction of the back of a device: east, north, up. */
 function backOf({ alpha, beta, gamma }: Orientation): Vec3 {
   const [[ca, sa], [cb, sb], [cg, sg]] = [alpha, beta, gamma].map((angle) => [
     Math.cos(angle * RAD),
@@ -17,7 +17,7 @@ function backOf({ alpha, beta, gamma }: Orientation): Vec3 {
   return [x * ca - y * sa, x * sa + y * ca, -cg * cb];
 }
 
-/** Heading (clockwise from north) and elevation of the back of a device, degrees. */
+/** Return heading (clockwise from north) and elevation of the back of a device, degrees. */
 export function aimOf(orientation: Orientation): { heading: number; tilt: number } {
   const [east, north, up] = backOf(orientation);
   return {

@@ -14,7 +14,7 @@ export const cross = (a: Vec3, b: Vec3): Vec3 => [
   a[0] * b[1] - a[1] * b[0],
 ];
 
-/** Direction of pan (right positive) and tilt (up positive), radians. */
+/** Return the direction of pan (right positive) and tilt (up positive), radians. */
 export function panTiltDirection(pan: number, tilt: number): Vec3 {
   const c = Math.cos(tilt);
   return [c * Math.cos(pan), -c * Math.sin(pan), Math.sin(tilt)];
@@ -28,7 +28,7 @@ export function panTiltOf(d: Vec3): { pan: number; tilt: number } {
   };
 }
 
-/** Forward, right and down axes of a view with pan and tilt, degrees. */
+/** Return the forward, right and down axes of a view with pan and tilt, degrees. */
 export function viewAxes(panDeg: number, tiltDeg: number): [Vec3, Vec3, Vec3] {
   const [a, t] = [panDeg * RAD, tiltDeg * RAD];
   const forward = panTiltDirection(a, t);

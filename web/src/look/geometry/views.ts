@@ -32,18 +32,18 @@ const MOSAIC_VIEWS = 4;
 
 const rounded4 = (x: number): number => Math.round(x * 1e4) / 1e4;
 
-/** Aspect ratio of a panorama of the complete field. */
+/** Return the aspect ratio of a panorama of the complete field. */
 function wholeAspect({ model: { tilt_min_deg: low, tilt_max_deg: high } }: Camera): number {
   return 360 / (high - low);
 }
 
-/** Vertical range of a panorama in degrees: complete, or reduced to fill the area. */
+/** Return the vertical range of a panorama in degrees: complete, or reduced to fill the area. */
 function heightOf(s: State, camera: Camera, aspect: number): number {
   const all = 360 / wholeAspect(camera);
   return (s.fit === "fill" ? Math.min(all, 360 / aspect) : all) / s.zoom;
 }
 
-/** Range of elevations of a panorama, degrees, after zoom and tilt. */
+/** Return the range of elevations of a panorama, degrees, after zoom and tilt. */
 export function elevations(s: State, camera: Camera, aspect: number): [number, number] {
   const { tilt_min_deg: low, tilt_max_deg: high } = camera.model;
   const half = heightOf(s, camera, aspect) / 2;
@@ -53,20 +53,20 @@ export function elevations(s: State, camera: Camera, aspect: number): [number, n
   return [Math.max(-90, rounded4(middle - half)), Math.min(90, rounded4(middle + half))];
 }
 
-/** Whether a panorama displays the complete range of elevations. */
+/** Return true if a panorama displays the complete range of elevations. */
 export const isAllHigh = (s: State, camera: Camera, aspect: number): boolean =>
   heightOf(s, camera, aspect) > 360 / wholeAspect(camera) - 1e-9;
 
-/** Horizontal range of a panorama, degrees. */
+/** Return the horizontal range of a panorama, degrees. */
 export const spanOf = (s: State, camera: Camera, aspect: number): number =>
   rounded4(s.fit === "fill" ? heightOf(s, camera, aspect) * aspect : 360 / s.zoom);
 
-/** Angle from the pole to the boundary of a dome, degrees. */
+/** Return the angle from the pole to the boundary of a dome, degrees. */
 export function domeEnd(s: State, camera: Camera): number {
   return Math.min(180, rounded4(poleEnd(camera) / s.zoom));
 }
 
-/** Horizontal angle of a little planet, degrees; its longer side contains the complete field. */
+/** Return the horizontal angle of a little planet, degrees; its longer side contains the complete field. */
 export function planetWidth(s: State, camera: Camera, aspect: number): number {
   const widest = Math.min(2 * poleEnd(camera), WIDEST_PLANET_DEG);
   return rounded4(
@@ -74,7 +74,7 @@ export function planetWidth(s: State, camera: Camera, aspect: number): number {
   );
 }
 
-/** Scale of the ground plan, mm per pixel. */
+/** Return the scale of the ground plan, mm per pixel. */
 export function groundScale(s: State, width: number, height: number): number {
   const side = s.fit === "fill" ? Math.max(width, height) : Math.min(width, height);
   const scale = (PLAN_HEIGHTS * s.height) / s.zoom / side;
@@ -86,7 +86,7 @@ function poleEnd(camera: Camera): number {
   return pole === "zenith" ? 90 - tilt_min_deg : 90 + tilt_max_deg;
 }
 
-/** Aspect ratio of the view type; null for any. */
+/** Return the aspect ratio of the view type; null for any. */
 export function aspectOf(s: State, camera: Camera): number | null {
   if (s.mode === "mosaic") return 1 / (1 / wholeAspect(camera) + 3 / 4 / MOSAIC_VIEWS);
   if (s.mode === "dome") return 1; // circular, cropped if the area is wider
@@ -94,7 +94,7 @@ export function aspectOf(s: State, camera: Camera): number | null {
   return s.mode === "panorama" ? wholeAspect(camera) : 1;
 }
 
-/** View of a state with a given size in pixels. The height of a mosaic follows from its width. */
+/** Return the view of a state with a given size in pixels. The height of a mosaic follows from its width. */
 export function viewOf(s: State, camera: Camera, width: number, height: number): View {
   const distance = Number.isFinite(s.distance) ? s.distance : 0;
   const box = { left: 0, top: 0, width, height };
@@ -170,7 +170,7 @@ function plane(pan: number, tilt: number, hfov: number, width: number, distance:
   };
 }
 
-/** Axes of a view of the nadir, or of the zenith from the opposite side; forward is at the top in both. */
+/** Return the axes of a view of the nadir, or of the zenith from the opposite side; forward is at the top in both. */
 function polar(
   shape: Part["shape"],
   pan: number,
@@ -188,7 +188,7 @@ function rounded(x: number): number {
   return Math.abs(x % 1) === 0.5 && near % 2 ? near - 1 : near;
 }
 
-/** Panorama, rotated by 45 degrees, above four perspective views of its quarters. */
+/** Return a mosaic: a panorama, rotated by 45 degrees, above four perspective views of its quarters. */
 function mosaic(s: State, camera: Camera, width: number, distance: number): View {
   const side = Math.max(1, rounded(width / MOSAIC_VIEWS));
   const under = Math.max(1, rounded((side * 3) / 4));
@@ -210,7 +210,7 @@ function mosaic(s: State, camera: Camera, width: number, distance: number): View
   return { width: MOSAIC_VIEWS * side, height: over + under, parts };
 }
 
-/** Target of a pixel of a view: point in mm or direction; null outside. */
+/** Return the target of a pixel of a view: point in mm or direction; null outside. */
 export function targetIn(view: View, u: number, v: number): Vec3 | null {
   const part = view.parts.find(
     (p) => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height,
@@ -218,7 +218,7 @@ export function targetIn(view: View, u: number, v: number): Vec3 | null {
   return part ? targetAt(part, u - part.left, v - part.top) : null;
 }
 
-/** Target of a pixel of a part: point in mm or direction; null outside. */
+/** Return the target of a pixel of a part: point in mm or direction; null outside. */
 export function targetAt(part: Part, u: number, v: number): Vec3 | null {
   const [a, b, c, d] = part.numbers;
   const [forward, right, down] = part.axes;

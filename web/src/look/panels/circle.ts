@@ -124,7 +124,7 @@ export class CirclePane {
       this.handles[which].setAttribute(name, String(text));
   }
 
-  /** Arrow keys move the centre or change the radius (right, up: larger); with Shift by 10 px. */
+  /** Move the centre or change the radius by arrow keys (right, up: larger); with Shift by 10 px. */
   private key(e: KeyboardEvent, which: Handle): void {
     const step = STEPS[e.key];
     if (!step || !this.camera) return;
@@ -203,7 +203,7 @@ function seenAt(camera: Camera, part: Part, u: number, v: number): Pixel | null 
   return found?.seen ? found.pixel : null;
 }
 
-/** Outline of a part of the view in the image; follows the field boundary outside the field. */
+/** Return the outline of a part of the view in the image, which follows the field boundary outside the field. */
 function outline(camera: Camera, part: Part): string {
   const [w, h] = [part.width, part.height];
   const points: Pixel[] = [];

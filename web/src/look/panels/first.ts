@@ -72,7 +72,7 @@ export class FirstLook {
     });
   }
 
-  /** The camera was given initially. */
+  /** Mark the camera as known, because it was given initially. */
   known(): void {
     this.isKnown = true;
   }
@@ -147,7 +147,7 @@ export class FirstLook {
     this.done();
     await this.hands.sensor().choose(sensor, rim, looks);
     if (rim && !alone)
-      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // after the first frame with the new camera
+      requestAnimationFrame(() => requestAnimationFrame(() => background(this.hands.level()))); // two animation frames: after the first frame with the new camera
   }
 
   private fromFile(): void {
@@ -166,6 +166,6 @@ export class FirstLook {
   }
 }
 
-/** Whether an image has the size of the images of a sensor; not applicable to mirror balls. */
+/** Return true if an image has the size of the images of a sensor; not applicable to mirror balls. */
 const isOwn = ({ model }: Camera, feed: Feed): boolean =>
   model.kind !== "ball" && hasSize(model, [feed.width, feed.height]);

@@ -105,7 +105,7 @@ export class Gestures {
     this.gliding = requestAnimationFrame(step);
   }
 
-  /** The point under the pointer follows it; circular views and plans rotate about their centre. */
+  /** Drag the view with the point under the pointer; circular views and plans rotate about their centre. */
   private drag(dx: number, dy: number, at: PointerEvent): void {
     const { state: s } = this.store;
     const camera = this.camera();

@@ -53,7 +53,7 @@ export class GyroscopePanel {
     this.button.setAttribute("aria-pressed", "false");
   }
 
-  /** Without events, the device has no orientation sensor. */
+  /** Stop and disable the control: a device that sends no events has no orientation sensor. */
   private give(): void {
     this.stop();
     allow(this.button, NOT_TOLD);

@@ -85,7 +85,7 @@ export class LevelPanel {
     return this.button.getAttribute("aria-pressed") === "true";
   }
 
-  /** Whether dragging moves the horizon. */
+  /** Return true if dragging moves the horizon. */
   isDragged(): boolean {
     return this.isOn && isLevelled(this.store.state);
   }
@@ -136,7 +136,7 @@ function askOf(
 
 const isLevelled = (s: State): boolean => s.mode === "panorama" || s.mode === "perspective";
 
-/** Relative height of the horizon in a view, from the top. */
+/** Return the relative height of the horizon in a view, from the top. */
 function heightOf(s: State, camera: Camera, aspect: number): number {
   if (s.mode === "perspective")
     return 0.5 + (aspect / 2 / Math.tan((s.hfov * RAD) / 2)) * Math.tan(s.tilt * RAD);

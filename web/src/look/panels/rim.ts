@@ -75,7 +75,7 @@ export class RimPanel {
       );
   }
 
-  /** Origin of the circle as text. */
+  /** Return the origin of the circle as text. */
   words(feed: Feed): string {
     const { rim } = this.store.state;
     const found = this.found.get(feed);
@@ -92,7 +92,7 @@ export class RimPanel {
       : "";
   }
 
-  /** Camera with the circle of the state, or of the image size. */
+  /** Return the camera with the circle of the state, or of the image size. */
   fit(camera: Camera, feed: Feed | null, rim = this.store.state.rim): Camera {
     const size = feed ? ([feed.width, feed.height] as const) : camera.model.image_size;
     if (!camera.model.is_adjustable) return camera;
@@ -131,6 +131,6 @@ async function lookedAt(feed: Feed): Promise<DetectedOutline> {
 
 export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
 
-/** Whether the images of a camera have a given size. */
+/** Return true if the images of a camera have a given size. */
 export const hasSize = ({ image_size }: CameraInfo, [w, h]: readonly [number, number]): boolean =>
   image_size[0] === w && image_size[1] === h;

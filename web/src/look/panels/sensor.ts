@@ -93,7 +93,7 @@ export class SensorPanel {
 
   /** Select a sensor with the mount of its file or another orientation, keeping the detected circle. */
   async choose(sensor: string, rim: State["rim"], looks: Looks): Promise<void> {
-    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // a forward-looking camera images the scene behind it
+    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // through the mirror, a forward-looking camera images the scene behind it
   }
 
   /** List the cameras of the server. */
@@ -114,7 +114,7 @@ export class SensorPanel {
     }
   }
 
-  /** Files of OCamCalib do not contain the type of optics. */
+  /** Reload the file with a given type of optics, which OCamCalib files do not contain. */
   private async loadAgain(optics: Optics): Promise<void> {
     const file = await kept(this.store.state.sensor);
     if (file) await this.load(file.blob, file.name, optics);
@@ -164,7 +164,7 @@ export class SensorPanel {
       fail(e, "sensor");
   }
 
-  /** Camera of a state, from the cache or the server. */
+  /** Return the camera of a state from the cache, or load it from the server. */
   async fetch(wanted: Chosen): Promise<Camera> {
     const name = JSON.stringify(CHOSEN.map((key) => wanted[key]));
     const camera = this.had.get(name) ?? (await this.fetchAnew(wanted));

@@ -15,7 +15,7 @@ const degrees = (x: number): string => `${x.toFixed(1)}°`;
 const millimetres = (mm: number): string =>
   mm >= 9995 ? `${(mm / 1000).toFixed(1)} m` : `${Math.round(mm)} mm`;
 
-/** Logarithmic slider scale. */
+/** Return a logarithmic slider scale. */
 function factors(low: number, high: number): Pick<Scale, "to" | "from"> {
   const range = Math.log(high / low);
   return {
@@ -40,7 +40,7 @@ const SCALES: Scale[] = [
   },
 ];
 
-/** Sliders bound to the state. */
+/** Bind the sliders to the state. */
 export function bindSliders(store: Store): void {
   const show = (s: State): void => {
     for (const { key, from, words } of SCALES) {

@@ -49,7 +49,7 @@ export class ViewsPanel {
     this.show();
   }
 
-  /** Displayed views: the current one, or all stored ones. */
+  /** Return the displayed views: the current one, or all stored ones. */
   states(): State[] {
     const s = asShown(this.store.state);
     const { kept } = this;
@@ -60,12 +60,12 @@ export class ViewsPanel {
       : [s];
   }
 
-  /** Views of other images or cameras. */
+  /** Return the views of other images or cameras. */
   others(): State[] {
     return this.states().filter((s) => this.isOther(s));
   }
 
-  /** Whether a view has another image or camera than the main one. */
+  /** Return true if the image or camera of a view differs from the main one. */
   isOther(view: State): boolean {
     return TAKEN.some((key) => String(view[key]) !== String(this.store.state[key]));
   }
@@ -128,7 +128,7 @@ export class ViewsPanel {
     });
   }
 
-  /** Current view to be stored, with its source if there are several. */
+  /** Return the current view for storage, with its source if there are several. */
   private named(name: string): KeptView {
     const s = this.store.state;
     return { name, ...ofView(s), ...(this.sourceName !== null && { of: ofTaken(s) }) };
@@ -205,7 +205,7 @@ export class ViewsPanel {
     this.store.set({ views: textOf(kept), all, view: current });
   }
 
-  /** Changes of the active view are stored immediately. */
+  /** Store changes of the active view immediately. */
   private follow(s: State, changed: Set<keyof State>): void {
     const isMoved =
       s.all &&
