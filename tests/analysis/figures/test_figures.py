@@ -576,15 +576,15 @@ def test_obscured_image_region_drawn_as_ring(name, obscured):
 
 
 def test_obscured_spots_labelled(obscured):
-    assert [t for t in texts(draw("fig11", [obscured])) if "hidden" in t] == [
-        "0°, hidden",
-        "15°, hidden",
+    assert [t for t in texts(draw("fig11", [obscured])) if "obscured" in t] == [
+        "0°, obscured",
+        "15°, obscured",
     ]
 
 
 @pytest.mark.parametrize("name", few(FIGURES, "fig5", "fig11"))
 def test_no_obscuration_drawn_without_housing(name):
-    assert not [t for t in texts(drawn(name)) if "hidden" in t]
+    assert not [t for t in texts(drawn(name)) if "obscured" in t]
 
 
 @pytest.mark.parametrize("kind", few(FORMATS, "pdf"))

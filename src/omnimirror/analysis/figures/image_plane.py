@@ -187,7 +187,14 @@ def _draw_image_circle(ax: Axes, subject: Subject) -> None:
         )
         ax.add_patch(ring)
         ax.text(
-            0, -outside, "hidden", size=text_size(5), ha="center", va="bottom", color=INK, zorder=6
+            0,
+            -outside,
+            "obscured",
+            size=text_size(5),
+            ha="center",
+            va="bottom",
+            color=INK,
+            zorder=6,
         )
     _scale_bar(ax, -0.71 * N, -1.17 * N, 0.2 * N)
     ax.set_xlim(-1.12 * N, 1.12 * N)

@@ -198,7 +198,7 @@ def sag_rows(part: Part, count: int) -> Rows:
                 length_words(a),
                 fixed_words(b, 4),
                 fixed_words(c, 3),
-                fixed_words(d, 2) if np.isfinite(d) else "hidden",
+                fixed_words(d, 2) if np.isfinite(d) else "obscured",
             )
             for a, b, c, d in rows
         ),
