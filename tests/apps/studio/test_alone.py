@@ -65,7 +65,7 @@ def test_page_without_server_requests_camera_type_and_hides_server_functions(
     page = open_page(browser, address)
     for name in ("Calibrate", "Restore", "Detect circle", "Find level", "Load…"):
         assert not page.get_by_role("button", name=name, exact=True).is_visible(), name
-    assert page.get_by_text("pip install omnimirror").is_visible()
+    assert page.get_by_text("require the installed program").is_visible()
     drop(page, tmp_path / "mine.png")
     page.get_by_role("button", name="A mirror dome").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:260'")

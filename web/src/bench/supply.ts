@@ -20,7 +20,7 @@ import type { Found } from "./found";
 export const alone = heldBy<StandaloneBench>("bench-alone");
 const answerer = alone && new Answerer(alone);
 
-const WITH_THE_PROGRAM = "requires the program: pip install omnimirror.";
+const WITH_THE_PROGRAM = "requires the installed program.";
 
 export const benchStart = async (): Promise<BenchStart> => (alone ? alone.start : api.benchStart());
 

@@ -297,7 +297,7 @@ def _strips(
             ax.text(
                 outside,
                 -h * N,
-                "hidden ",
+                "obscured ",
                 size=text_size(5.5),
                 ha="right",
                 va="bottom",
@@ -392,7 +392,7 @@ def blur_in_object_space(subjects: Sequence[Subject], axes: Sequence[Axes] | Non
             ax.text(
                 pitch * j,
                 8.4,
-                f"{omega:g}°{', hidden' if hidden else ''}",
+                f"{omega:g}°{', obscured' if hidden else ''}",
                 size=text_size(6),
                 ha="center",
                 va="bottom",

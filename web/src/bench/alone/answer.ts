@@ -14,7 +14,7 @@ const NEAR_OBJECTS = 5; // distance, in rim radii
 const TELECENTRIC_LENS = 2.5; // drawn position of a telecentric lens, in rim radii
 const LENS_HALF_WIDTH = 0.18; // relative to the rim radius
 const ROUNDS = 8; // initial spacing of the search for mirror points; each iteration refines by about 100
-const AT_ONCE = "Optimisation requires the program: pip install omnimirror.";
+const AT_ONCE = "Optimisation requires the installed program.";
 
 type Columned = Table & { columns: string[] };
 type Places = Pick<Table, "name"> & { x: ArrayLike<number>; z: ArrayLike<number> };
