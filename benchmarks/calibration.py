@@ -178,7 +178,10 @@ def lines(data: Path | None) -> str:
         }
         pixels = np.random.default_rng(0).uniform(0, SIZE, (2000, 2))
         for kind, model in (
-            ("nominal sensor with an error of the focal length of 3 %; focal length and decentre free", freed),
+            (
+                "nominal sensor with an error of the focal length of 3 %; focal length and decentre free",
+                freed,
+            ),
             ("unknown", None),
         ):
             found = om.calibrate_plumb_lines([picture], model=model, **where)

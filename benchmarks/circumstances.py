@@ -61,7 +61,11 @@ def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False)
 def other_load() -> str:
     """Return a warning if other processes load the machine."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
-    return f" The load average before the run was {load:.0f}." if load > 0.5 * (os.cpu_count() or 1) else ""
+    return (
+        f" The load average before the run was {load:.0f}."
+        if load > 0.5 * (os.cpu_count() or 1)
+        else ""
+    )
 
 
 def processor() -> str:

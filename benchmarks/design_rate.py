@@ -64,9 +64,7 @@ def main() -> None:
         for batch in (few, many):
             for threads in dict.fromkeys((1, min(4, os.cpu_count() or 1))):
                 compiled(batch, threads)
-    functions["om.evaluate at best focus"] = lambda: om.evaluate(
-        sensor, omega, focus_mm="auto"
-    )
+    functions["om.evaluate at best focus"] = lambda: om.evaluate(sensor, omega, focus_mm="auto")
     functions["om.evaluate at the specified focus"] = lambda: om.evaluate(sensor, omega)
     notes = []
     try:

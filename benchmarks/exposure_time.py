@@ -120,7 +120,8 @@ def main() -> None:
     lines = [
         "# A picture through the whole aperture",
         "",
-        f"{PIXELS} x {PIXELS} px, {RAYS} rays per pixel for all programs, environment map. {circumstances(arguments.runs)}",
+        f"{PIXELS} x {PIXELS} px, {RAYS} rays per pixel for all programs, environment map. "
+        f"{circumstances(arguments.runs)}",
         "",
         "| mirror | program | wall, s | processor, s | speed-up, wall | speed-up, processor | sampling error |",
         "|---|---|---|---|---|---|---|",

@@ -254,7 +254,8 @@ def main() -> None:
         "|---|---|---|",
         *rows,
         "",
-        "| client protocol | frames/s of the source | dewarped views | dropped frames | cores | delay, ms | 95 % | frames |",
+        "| client protocol | frames/s of the source | dewarped views | dropped frames "
+        "| cores | delay, ms | 95 % | frames |",
         "|---|---|---|---|---|---|---|---|",
         *live,
     ]

@@ -304,7 +304,11 @@ def main() -> None:
         "--pixels", type=int, default=1024, help="fewer, larger pixels, same blur in pixels"
     )
     parser.add_argument(
-        "--blur-factors", type=float, nargs="*", default=[], help="scale factors of the specified blur"
+        "--blur-factors",
+        type=float,
+        nargs="*",
+        default=[],
+        help="scale factors of the specified blur",
     )
     parser.add_argument(
         "--jpeg",

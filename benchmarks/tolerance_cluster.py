@@ -165,7 +165,8 @@ def write(
         f"| cluster: {WORKERS} workers | {spent['workers']:.1f} |",
         f"| cluster: scheduler, idle, per second | {standing['scheduler']:.3f} |",
         f"| cluster: {WORKERS} workers, idle, per second | {standing['workers']:.3f} |",
-        f"| overhead of the cluster over threads, measured | {whole - single:.1f}, {100 * (whole / single - 1):.0f} % |",
+        f"| overhead of the cluster over threads, measured | {whole - single:.1f}, "
+        f"{100 * (whole / single - 1):.0f} % |",
         f"| overhead of the cluster over threads, for an undisturbed run of {quiet:.0f} s | {beyond:.1f}, "
         f"{100 * beyond / single:.1f} % |",
     ]

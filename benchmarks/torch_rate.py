@@ -111,7 +111,8 @@ def main() -> None:
             "",
             about,
             "",
-            f"| | mirror | trained parameters | forward, ns | {rate} | forward with graph, ns | backward, ns | backward / forward |",
+            f"| | mirror | trained parameters | forward, ns | {rate} | forward with graph, ns "
+            "| backward, ns | backward / forward |",
         ]
         lines.append("|---|---|---|---|---|---|---|---|")
         for line in rows(device, dtype, runs):

@@ -283,7 +283,7 @@ def test_extension_rings_of_a_catalogue_are_within_their_range():
         ),
         (
             "name,ball_diameter_mm,use\nA,60,arm\n",
-            r"parts\.csv line 2: unknown column use; valid are name",
+            r"parts\.csv line 2: unknown column use; use name",
         ),
         ("name,mass_g\nA,3\n", r"parts\.csv line 2: column focal_length_mm is missing"),
         ("", "at least one lens is required"),
@@ -379,7 +379,7 @@ def test_catalogues_as_csv(tmp_path):
         ("lens = [3]\n", r"parts\.toml: lens 1 must be a table, one of \[\[lens\]\]"),
         (
             BALL_TABLE + "[[ball]]\nname = 'B'\nwall_mm = 2\n",
-            r"parts\.toml, ball 2: unknown entry wall_mm; valid are",
+            r"parts\.toml, ball 2: unknown entry wall_mm; use",
         ),
         (
             BALL_TABLE + BALL_TABLE,

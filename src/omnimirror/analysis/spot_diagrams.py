@@ -291,7 +291,7 @@ def check_blur(
         else angles
     )
     if not angles.size:
-        raise InvalidParameter("omega_deg must contain at least one field angle")
+        raise InvalidParameter("omega_deg must contain at least one field angle; got none")
     u = np.linspace(-1, 1, FAN_RAYS)
     fans = Pupil(
         np.concatenate([np.outer(u, [1, 0]), np.outer(u, [0, 1])]),

@@ -130,7 +130,10 @@ def load_requirements(
     """
     path = file_name("path", path)
     text = read_text(
-        path, "requirement file", SpecError, f"requirement file {str(path)!r} not found"
+        path,
+        "requirement file",
+        SpecError,
+        f"cannot read the requirement file {path}: the file does not exist",
     )
     return parse_requirements(text, str(path), path.parent, changes, limits)
 

@@ -203,7 +203,7 @@ def dewarp_video(
     )
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
-        raise InvalidParameter("outputs must contain at least one output")
+        raise InvalidParameter("outputs must contain at least one output; got none")
     return dewarp_source(
         str(source), [str(name) for name in names], request, settings or VideoSettings(), callbacks
     )

@@ -120,7 +120,8 @@ class RenderingOptions(Options):
         if isinstance(value := self.reflectivity, tuple):
             if len(value) != 3:
                 raise click.UsageError(
-                    "radiometry.reflectivity must be one value, or three for red, green and blue"
+                    "radiometry.reflectivity must be one value, or three for red, green and blue; "
+                    f"got {len(value)}"
                 )
             given["reflectivity"] = tuple(reflectivity(str(part)) for part in value)
         elif value is not None:

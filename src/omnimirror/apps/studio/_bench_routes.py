@@ -65,7 +65,7 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
         """Return a bundled sensor."""
         if name not in bench_start().sensors:
             raise OmnimirrorError(
-                f"name must be a bundled sensor; got {name!r}; valid are {', '.join(bench_start().sensors)}"
+                f"name must be a bundled sensor; got {name!r}; use {', '.join(bench_start().sensors)}"
             )
         return on_bench(load_sensor(name))
 

@@ -38,11 +38,12 @@ class ErrorTable(Table):
 
     name: str
     tolerance: Annotated[
-        float, Field(ge=0, description="plus or minus, in the unit that the name ends with")
+        float, Field(ge=0, description="half-width, in the unit at the end of the name")
     ]
     distribution: Distribution = "uniform"
     cost: Annotated[
-        float, Field(gt=0, description="of this tolerance; half of it costs twice as much")
+        float,
+        Field(gt=0, description="cost of this tolerance; half the tolerance has twice the cost"),
     ] = 1.0
     max_tolerance: Annotated[float, Field(gt=0, description="upper bound for --yield")] | None = (
         None
@@ -53,7 +54,12 @@ class FigureTable(Table):
     """Random form error with a power spectrum."""
 
     exponent: Annotated[
-        float, Field(ge=0, le=10, description="by which the spectral density falls")
+        float,
+        Field(
+            ge=0,
+            le=10,
+            description="exponent of the decrease of the spectral density with frequency",
+        ),
     ] = 2.5
     orders: (
         Annotated[list[int], Field(min_length=2, max_length=2, description="[FIRST, LAST]")] | None
@@ -70,7 +76,9 @@ class MeasuredTable(Table):
     name: str
     file: str
     unit: Unit = "mm"
-    tolerance: Annotated[float, Field(ge=0, description="how many times the form")] = 1.0
+    tolerance: Annotated[
+        float, Field(ge=0, description="tolerance as a multiple of the measured form")
+    ] = 1.0
     distribution: Distribution = "constant"
     cost: Annotated[float, Field(gt=0)] = 1.0
 
@@ -180,7 +188,12 @@ def load_tolerances(
     {'motion_px after pose': 0.5, 'blur_px': 9.59}
     """
     path = file_name("path", path)
-    text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
+    text = read_text(
+        path,
+        "tolerance file",
+        SpecError,
+        f"cannot read the tolerance file {path}: the file does not exist",
+    )
     return parse_tolerances(text, sensor, str(path), path.parent, changes)
 
 
@@ -220,7 +233,12 @@ def load_allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, flo
     if path.suffix.lower() != ".json":
         plan = load_tolerances(path, sensor)
         return {name: bound.value for name, bound in plan.tolerances.errors.items()}
-    text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
+    text = read_text(
+        path,
+        "tolerance file",
+        SpecError,
+        f"cannot read the tolerance file {path}: the file does not exist",
+    )
     try:
         data = parse_json(text)
         result = (

@@ -120,7 +120,8 @@ def register_mirror(cls: type[M]) -> type[M]:
     ...     rim_radius_mm: float
     ...     KIND: ClassVar[str] = "docs-bowl"
     ...     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-    ...         "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim above the vertex"), "rim_radius_mm": RIM_RADIUS,
+    ...         "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim above the vertex"),
+    ...         "rim_radius_mm": RIM_RADIUS,
     ...     }
     ...     def profile(self, x_mm):
     ...         u = np.asarray(x_mm, dtype=float) / self.rim_radius_mm

@@ -229,7 +229,7 @@ def _meshes(path: Path) -> list[Any]:
             f"reading the mesh {path.name} requires trimesh: {extra_remedy('cad')}"
         ) from None
     if not path.exists():
-        raise MediaError(f"cannot find the mesh {path}")
+        raise MediaError(f"cannot read the mesh {path}: the file does not exist")
     check_mesh_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)

@@ -213,7 +213,7 @@ class VideoOptions(Options):
         type=NUMBER, metavar="S", help="Videos: start time.  [default: 0]"
     )
     duration_s: float | None = option(
-        type=NUMBER, metavar="S", help="Videos: duration.  [default: the rest]"
+        type=NUMBER, metavar="S", help="Videos: duration.  [default: to the end]"
     )
     keyframes: Path | None = option(
         type=click.Path(path_type=Path),

@@ -76,7 +76,7 @@ class PointOptions(Options):
     formats=FIGURES,
     help="Figure of form, residuals, meridian and terms (PNG, SVG, PDF).",
 )
-@json_option("Write all numbers.")
+@json_option("Write all results as JSON.")
 def command(
     sensor: str,
     points: Path,

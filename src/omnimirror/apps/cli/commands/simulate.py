@@ -112,7 +112,11 @@ class DistantOptions(Options):
 @add_options(DistantOptions, "distance")
 @add_options(RenderingOptions, "rendering")
 @file_entries("sensor file", SENSOR_ENTRIES)
-@output_option("--panorama", formats=IMAGE_FORMATS, help="Write a panorama of the light as well.")
+@output_option(
+    "--panorama",
+    formats=IMAGE_FORMATS,
+    help="Also write an equirectangular panorama of linear light.",
+)
 @output_option(
     "-o",
     "--output",
@@ -305,7 +309,7 @@ def _report_interruption(output: Path, done: int, what: str) -> None:
     "--reproduce",
     type=click.Path(path_type=Path),
     metavar="dataset.json",
-    help="Reproduce a dataset: its sensor and options, no others.",
+    help="Reproduce a dataset with its stored sensor and options.",
 )
 @click.option("--views", type=INTEGER, help="Number of images of the hall.  [default: 12]")
 @add_options(TrajectoryOptions, "trajectory")

@@ -48,7 +48,7 @@ class ServerOptions(ListenOptions):
         "--folder",
         multiple=True,
         type=click.Path(exists=True, file_okay=False, path_type=Path),
-        help="Serve the images and videos of a folder as well.",
+        help="Also serve the images and videos of a folder.",
     )
 
 

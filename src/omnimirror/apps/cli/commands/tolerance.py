@@ -153,7 +153,7 @@ class SweepOptions(Options):
 @output_option(
     "--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer."
 )
-@json_option("Write all numbers.")
+@json_option("Write all results as JSON.")
 def command(
     sensor: str,
     tolerances: str | None,
