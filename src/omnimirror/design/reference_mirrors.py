@@ -98,7 +98,7 @@ def merit_values(
 
     ``focus_by`` is a merit of :func:`omnimirror.best_focus`, or None for the focus of the sensor.
     """
-    sensor.check("comparing with a front", "single mirror")
+    sensor.check("the comparison with a Pareto front", "single mirror")
     rim = sensor.mirror.rim_radius_mm
     minimum = float(
         sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0])))

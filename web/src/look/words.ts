@@ -26,7 +26,7 @@ const WORDS: readonly (readonly [term: string, meaning: string, place: string])[
   ["Mosaic", "a panorama and four perspective views", '#modes label:has([value="mosaic"])'],
   [
     "Pan, tilt",
-    "direction of the view: to the right, and up",
+    "direction of the view: pan is positive to the right, tilt upwards",
     "#sliders label:has(#pan), #sliders label:has(#tilt)",
   ],
   ["Field of view", "horizontal angle of the view", "#sliders label:has(#hfov)"],
