@@ -378,7 +378,7 @@ def command_line() -> None:
 
 def standalone_page() -> None:
     """Write the studio without a server, embedded in pages."""
-    (PAGES / "straighten.html").write_text(studio.standalone_page(), encoding="utf-8")
+    (PAGES / "viewer.html").write_text(studio.standalone_page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

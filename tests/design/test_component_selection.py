@@ -353,7 +353,7 @@ def test_catalogues_as_csv(tmp_path):
     ("text", "sentence"),
     [
         ("[[lens]]\nname = 'A'\n", "focal_length_mm is missing"),
-        ("[[lens]]\nname = 'A'\nfocal = 3\nsort = 4\n", "unknown entry focal; valid"),
+        ("[[lens]]\nname = 'A'\nfocal = 3\nsort = 4\n", "unknown entry focal; use"),
         ("[[camera]]\nname = 'A'\n", "got camera"),
         ("lens = 3\n", "got lens"),
         (
