@@ -110,3 +110,10 @@ def test_site_shows_repository_link_and_version():
     assert om.__version__ in config.copyright.split()
     site = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
     assert site["hooks"] == ["docs/site_hooks.py"]
+
+
+def test_references_of_the_paper_exist_and_are_cited():
+    text = (ROOT / "paper" / "paper.md").read_text(encoding="utf-8")
+    bibliography = (ROOT / "paper" / "paper.bib").read_text(encoding="utf-8")
+    cited = set(re.findall(r"@(\w+)", text))
+    assert cited == set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
