@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
 import yaml
 
 import omnimirror as om
@@ -117,3 +118,35 @@ def test_references_of_the_paper_exist_and_are_cited():
     bibliography = (ROOT / "paper" / "paper.bib").read_text(encoding="utf-8")
     cited = set(re.findall(r"@(\w+)", text))
     assert cited == set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
+
+
+RUNNERS = {"macos-15", "macos-15-intel", "ubuntu-24.04", "ubuntu-24.04-arm", "windows-2025"}
+"""Available runners of the host of the repository."""
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / ".github" / "workflows").glob("*.yml")), ids=str)
+def test_workflows_use_existing_runners_targets_and_programs(path):
+    jobs = yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for job in jobs.values():
+        matrix = job.get("strategy", {}).get("matrix", {})
+        assert {*matrix.get("system", [job["runs-on"]])} <= RUNNERS
+        rows = matrix.get("include", [{}])
+        commands = [step["run"] for step in job["steps"] if "run" in step]
+        for command in (
+            re.sub(r"\$\{\{ matrix\.(\w+) }}", lambda m, row=row: row[m[1]], command)
+            for row in rows
+            for command in commands
+        ):
+            for target in re.findall(r"^make ([\w-]+)", command):
+                assert re.search(rf"^{target}:", makefile, re.MULTILINE), command
+            for program in re.findall(r"[\w./-]+\.(?:py|txt)|^\.ci/run", command):
+                assert (ROOT / program).is_file(), command
+
+
+def test_wheels_are_published_after_all_tests():
+    text = (ROOT / ".github" / "workflows" / "wheels.yml").read_text(encoding="utf-8")
+    jobs = yaml.safe_load(text)["jobs"]
+    publish = jobs.pop("publish")
+    assert {*publish["needs"]} == {*jobs}
+    assert publish["permissions"] == {"id-token": "write"}
