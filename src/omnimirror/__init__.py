@@ -113,6 +113,7 @@ if TYPE_CHECKING:
     from .dewarp.views import register_view as register_view
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
+    from .interop.file_schemas import schema as schema
     from .interop.gateway.serving import serve_views as serve_views
     from .interop.named_views import NamedView as NamedView
     from .interop.named_views import load_views as load_views
@@ -279,6 +280,7 @@ _HOMES = {
     "ColmapProject": "interop.colmap",
     "serve_views": "interop.gateway.serving",
     "load_views": "interop.named_views",
+    "schema": "interop.file_schemas",
     "NamedView": "interop.named_views",
     "ViewMap": "interop.view_maps",
     "view_map": "interop.view_maps",

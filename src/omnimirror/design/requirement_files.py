@@ -63,6 +63,7 @@ REQUIREMENT_ENTRIES: dict[str, type] = {
     "thermal": dict,
 }
 """Entries and tables of a requirement file with their types."""
+REQUIRED_TABLES = ("field", "mirror")
 
 Angle = Annotated[float, Field(ge=0, le=179)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
@@ -233,7 +234,7 @@ def requirements_of(
 
 def _check_tables(data: dict[str, Any], where: SourceLocator) -> None:
     check_entries(data, REQUIREMENT_ENTRIES, FORMAT, where)
-    for key in ("field", "mirror"):
+    for key in REQUIRED_TABLES:
         if key not in data:
             raise where.error(
                 (),

@@ -26,6 +26,7 @@ from ._process_state import (
 COMMANDS = {
     "sensors": "List the bundled sensors.",
     "init": "Write a commented sensor file as a template.",
+    "schema": "Write the JSON Schema of sensor files and other TOML files.",
     "design": "Design a sensor from requirements; report margins and relaxations.",
     "check": "Check a sensor against requirements and report the margins.",
     "mappings": "List the mappings that a mirror can be designed for.",

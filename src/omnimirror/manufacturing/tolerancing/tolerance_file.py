@@ -15,6 +15,7 @@ from ...base.arguments import check_fields, choice, file_name, validate_argument
 from ...base.errors import SpecError
 from ...base.escaping import line_comment
 from ...base.files import parse_json, parse_toml, read_text
+from ...base.project import schema_directive
 from ...design.limits import LIMITABLE
 from ...design.requirement_files import LimitTable, limit_of
 from ...optics.mirrors.as_built import MAX_ORDER, MirrorForm
@@ -31,6 +32,16 @@ from .tolerances import Distribution, Tolerance, Tolerances
 from .trial_images import REFOCUS, Refocus
 
 FORMAT = 1
+TOLERANCE_ENTRIES: dict[str, type] = {
+    "format": int,
+    "objects": dict,
+    "error": list,
+    "correlation": list,
+    "limit": list,
+    "figure": list,
+    "measured": list,
+}
+"""Entries and tables of a tolerance file with their types."""
 
 
 class ErrorTable(Table):
@@ -274,15 +285,7 @@ def parse_tolerances(
     text = text.removeprefix("\ufeff")
     where = SourceLocator(text, source)
     data = merge_tables(parse_toml(text, source), changes or {})
-    known: dict[str, type] = {
-        "format": int,
-        "objects": dict,
-        "error": list,
-        "correlation": list,
-        "limit": list,
-    }
-    known |= {"figure": list, "measured": list}
-    check_entries(data, known, FORMAT, where)
+    check_entries(data, TOLERANCE_ENTRIES, FORMAT, where)
     errors, costs, max_tolerances = _errors(data.get("error", []), sensor, where)
     _add_figures(data.get("figure", []), sensor, where, errors, costs)
     forms = _add_measured(data.get("measured", []), sensor, where, folder, errors, costs)
@@ -454,7 +457,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     Examples
     --------
     >>> import omnimirror as om
-    >>> print(tolerance_template(om.load_sensor("paper-spherical"), "fine").splitlines()[0])
+    >>> print(tolerance_template(om.load_sensor("paper-spherical"), "fine").splitlines()[1])
     # Tolerances of paper-spherical, grade fine. All values are symmetric (plus or minus).
     """
     choice("grade", grade, GRADES)
@@ -463,11 +466,10 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
             0, merit_names().index("blur_px")
         ]
     )
-    lines = [
-        HEAD.format(
-            name=line_comment(sensor.name), grade=grade, blur=blur, max_blur=MORE_BLUR * blur
-        )
-    ]
+    head = HEAD.format(
+        name=line_comment(sensor.name), grade=grade, blur=blur, max_blur=MORE_BLUR * blur
+    )
+    lines = [schema_directive("tolerances") + head]
     for kind in error_sources(sensor).values():
         if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
             continue

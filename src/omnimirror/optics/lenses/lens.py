@@ -279,6 +279,11 @@ class Lens(ABC):
         """Load the files that a lens table names; a folder of None forbids files."""
         return data
 
+    @classmethod
+    def file_entries(cls) -> dict[str, tuple[str, ...]]:
+        """Return the entries of a lens table that name a file, with the entries that it provides."""
+        return {}
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters only; cached results are recomputed."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]

@@ -108,6 +108,11 @@ class Mirror(ABC):
             data = file.followed(data, folder)
         return data
 
+    @classmethod
+    def file_entries(cls) -> dict[str, tuple[str, ...]]:
+        """Return the entries of a mirror table that name a file, with the entries that it provides."""
+        return {file.entry: file.columns for file in cls.FILES}
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters only; cached results are recomputed."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
