@@ -94,7 +94,8 @@ class CameraOptions(Options):
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
         metavar="DIRECTION",
-        help="Optical axis: up, down or forward.  [default: as in the file]",
+        help="Optical axis: up, down or forward.  [default: as in the file; up for --ball; "
+        "forward for --mirror ball and convex]",
     )
     optics: Optics | None = setting("camera")
     rim_radius_px: float | None = setting("camera")
