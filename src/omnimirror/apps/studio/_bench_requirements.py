@@ -105,6 +105,9 @@ class CheckResult:
     """One block, "limits": limited quantities over the field, named after their rows."""
 
 
+UNCHECKED = CheckResult()
+
+
 def check_evaluation(tables: dict[str, Any], curve: Evaluation) -> CheckResult:
     """Check an evaluated sensor against requirements from tables, with limits at the same field
     angles."""
