@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .analysis.evaluation import field_angles as field_angles
     from .analysis.focus import best_focus as best_focus
     from .analysis.ghost_images import ghosts as ghosts
+    from .analysis.meridional_imaging import best_viewpoint as best_viewpoint
     from .analysis.operating_conditions import at_temperature as at_temperature
     from .analysis.operating_conditions import at_wavelength as at_wavelength
     from .analysis.operating_conditions import thermal_motion_px as thermal_motion_px
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from .analysis.relative_illumination import illumination as illumination
     from .analysis.spot_diagrams import check_blur as check_blur
     from .analysis.spot_diagrams import spots as spots
-    from .analysis.viewpoints import best_viewpoint as best_viewpoint
     from .apps.reports import write_demo as write_demo
     from .apps.reports.calibration import write_calibration_figures as write_calibration_figures
     from .apps.reports.calibration import write_calibration_report as write_calibration_report
@@ -186,7 +186,7 @@ __version__ = "0.2.0"
 
 _HOMES = {
     "best_focus": "analysis.focus",
-    "best_viewpoint": "analysis.viewpoints",
+    "best_viewpoint": "analysis.meridional_imaging",
     "temperature_range": "design.requirement_check",
     "at_temperature": "analysis.operating_conditions",
     "at_wavelength": "analysis.operating_conditions",

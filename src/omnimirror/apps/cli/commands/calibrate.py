@@ -39,8 +39,17 @@ from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import angle, distance, full_image_size, pixel
+from .._declarations import (
+    DocumentedCommand,
+    Options,
+    add_options,
+    angle,
+    distance,
+    full_image_size,
+    option,
+    pixel,
+    setting,
+)
 from .._output import (
     Output,
     output_console,

@@ -21,15 +21,17 @@ from ....interop.ros_bags.bag_files import is_bag
 from ....io.images import format_of
 from .._camera_options import AutoOptions, CameraOptions, OrientationOptions
 from .._declarations import (
+    NUMBER,
     DocumentedCommand,
     Options,
     add_options,
+    distance,
     file_entries,
     flag,
     option,
     setting,
+    three_wavelengths,
 )
-from .._option_types import NUMBER, distance, three_wavelengths
 from .._output import (
     IMAGE_FORMATS,
     frame_rate_bar,

@@ -30,6 +30,8 @@ from ....simulation.radiometry import Radiometry
 from ....simulation.rendering import render_light
 from ....simulation.scenes.scene import DistantScene, Pose, PosedScene, Scene
 from .._declarations import (
+    INTEGER,
+    SENSOR,
     DocumentedCommand,
     Options,
     add_options,
@@ -39,7 +41,6 @@ from .._declarations import (
     option,
     setting,
 )
-from .._option_types import INTEGER, SENSOR
 from .._output import (
     IMAGE_FORMATS,
     json_option,

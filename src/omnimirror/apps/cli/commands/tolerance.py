@@ -32,7 +32,10 @@ from ....manufacturing.tolerancing.tolerance_file import (
 )
 from ....optics.sensor_files import load_sensor
 from .._declarations import (
+    NUMBER,
+    SENSOR,
     DocumentedCommand,
+    IntegerRange,
     Options,
     add_options,
     file_entries,
@@ -40,7 +43,6 @@ from .._declarations import (
     option,
     setting,
 )
-from .._option_types import NUMBER, SENSOR, IntegerRange
 from .._output import (
     json_option,
     output_console,
