@@ -136,6 +136,7 @@ READS = {
     "apps.reports.comparison": "a picture that it drew",
     "simulation.dataset_manifest": PARSED_OWN,
     "design.optimiser": PARSED_OWN,
+    "base.block_runner": PARSED_OWN,
     "base.worker_processes": PARSED_OWN,
     "optics.testing": PARSED_OWN,
     "apps.studio._bench_tolerances": PARSED_OWN,

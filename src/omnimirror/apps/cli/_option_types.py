@@ -11,6 +11,7 @@ from click.shell_completion import CompletionItem
 from numpy.typing import NDArray
 
 from ...base.arguments import format_value, parse_float
+from ...base.errors import InvalidParameter
 
 MAX_VALUES = 1_000_000
 
@@ -263,6 +264,19 @@ def factor(text: str) -> float:
     if number <= 0:
         raise click.BadParameter(f"must be a factor above 0; got {format_value(text)}")
     return number
+
+
+def part(text: str) -> tuple[int, int]:
+    """Parse a part of an array job.
+
+    >>> part("2/8")
+    (2, 8)
+    """
+    try:
+        i, n = (int(word) for word in text.split("/"))
+    except ValueError:
+        raise InvalidParameter(f"--part must be I/N, such as 2/8; got {text!r}") from None
+    return i, n
 
 
 def viewpoint(text: str) -> float | str:
