@@ -361,7 +361,7 @@ def workers_on_cluster(
         with distributed.LocalCluster(
             n_workers=count or usable_cores(),
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         ) as cluster:
             yield from _closing(ClusterWorkers(cluster.scheduler_address, noun))

@@ -20,7 +20,7 @@ def options(address: str, key: str = "test") -> dict[str, Any]:
     return {
         "key": key,
         "secret": "test",
-        "client_kwargs": {"endpoint_url": address, "region_name": "us-east-1"},
+        "client_kwargs": {"endpoint_url": address, "region_name": "eu-central-1"},
         "config_kwargs": {"retries": {"max_attempts": 1}, "read_timeout": 20},
         "use_listings_cache": False,
         "skip_instance_cache": True,
@@ -58,7 +58,12 @@ def s3_server() -> Iterator[str]:
 
 def require_credentials(address: str) -> None:
     """Refuse all requests without known credentials from now on."""
-    request = urllib.request.Request(f"{address}/moto-api/reset-auth", data=b"0", method="POST")
+    request = urllib.request.Request(
+        f"{address}/moto-api/reset-auth",
+        data=b"0",
+        headers={"Content-Type": "text/plain"},
+        method="POST",
+    )
     urllib.request.urlopen(request, timeout=20).close()
 
 

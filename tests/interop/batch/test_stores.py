@@ -10,6 +10,7 @@ import omnimirror as om
 from omnimirror.base.block_runner import Retries
 from omnimirror.base.errors import MediaError, OmnimirrorError
 from omnimirror.interop.batch.stores import Store
+from omnimirror.io.images import encode_image
 from tests.interop.batch.archives import SENSOR, VIEWS, contents, image, job_of, write_archive
 from tests.interop.batch.s3_server import (
     Faults,
@@ -82,7 +83,7 @@ def bucket(server):
     store._fs.mkdir("archive")
     store._fs.mkdir("out")
     for number in range(12):
-        data = om.io.images.encode_image("a.png", image(number))
+        data = encode_image("a.png", image(number))
         store.write(f"raw/{number:04d}.png", data)
     return "archive"
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import __version__
-from ...base.block_runner import Retries, is_stopping
+from ...base.block_runner import is_stopping
 from ...base.caching import cached_property
 from ...base.files import parse_json, read_bytes
 from ...cameras.camera import Camera
@@ -40,7 +40,7 @@ from ...simulation.simulated_video import frame_times, load_path
 from .inputs import BatchInput, InputReader
 from .job import BatchJob, digest_of
 from .manifest import DONE, FAILED, ManifestRow, ManifestWriter, manifest_writer
-from .stores import MAX_OBJECT_BYTES, Store
+from .stores import MAX_OBJECT_BYTES
 
 MAX_PROCESSORS = 32
 """Maximum number of sensors whose maps a worker keeps."""
@@ -266,15 +266,14 @@ class _Context:
     def __init__(self, block: BatchBlock, rows: ManifestWriter) -> None:
         self.block, self.job, self.rows = block, block.job, rows
         execution = self.job.execution
-        retries = Retries(1 + execution.retries, execution.retry_delay_s)
-        self.store = Store(self.job.output_url, self.job.storage, retries)
+        self.store = self.job.store()
         default = REMOTE_QUEUE if self.store.is_remote else 0
         configured = execution.write_behind
         self.write_behind = default if configured is None else configured
 
     @cached_property
     def reader(self) -> InputReader:
-        return InputReader(self.job.storage, self.job.dewarp.stored_orientation)
+        return InputReader(self.job)
 
     def processor(self, item: PlannedItem) -> ImageProcessor:
         """Return the processor of the sensor of an input."""

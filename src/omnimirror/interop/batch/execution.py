@@ -15,7 +15,6 @@ from ...base import interrupts
 from ...base.block_runner import (
     WHOLE,
     BlockWorkers,
-    Retries,
     check_part,
     run_blocks,
     workers_in_processes,
@@ -26,10 +25,10 @@ from ...base.errors import MediaError, OmnimirrorError
 from ...base.files import parse_json
 from ...base.results import Columns, Result, table_of
 from ...base.worker_processes import WorkerDied
-from .arrays import prepare_group
+from ...io.batch import error_message
 from .job import BatchJob, load_job
 from .manifest import DONE, FAILED, PLAN_NAME, REMOVED, BatchManifest, ManifestRow, ManifestWriter
-from .planning import BatchPlan, array_groups, plan_of
+from .planning import BatchPlan, plan_of
 from .stores import Store, remove_leftovers
 
 RATE_PERIOD_S = 60.0
@@ -203,7 +202,7 @@ def run(
     """
     job = _job(job)
     check_part(part)
-    store = Store(job.output_url, job.storage)
+    store = job.store()
     if not store.is_remote:
         remove_leftovers(store.root)
     batch_plan = plan_of(job)
@@ -214,21 +213,21 @@ def run(
     own_rows = ManifestWriter(store)
     if part == WHOLE or part[0] == 1:
         _record_unassigned(batch_plan, own_rows)
-    if job.output.kind == "zarr" and blocks:
-        for name, (count, sizes) in array_groups(batch_plan).items():
-            prepare_group(job, name, count, sizes)
+    if blocks:
+        batch_plan.prepare()
     writers = {own_rows.name}
     if on_progress is not None:
         on_progress(done, total)
     stopped_by = 0
     if blocks:
-        retries = Retries(1 + job.execution.retries, job.execution.retry_delay_s)
         with interrupts.deferred(), _workers(job, scheduler) as workers:
-            for outcome in run_blocks(blocks, workers, retries):
+            for outcome in run_blocks(blocks, workers, job.retries):
                 if isinstance(outcome.error, WorkerDied):
                     outcome.block.fail(own_rows, str(outcome.error))
+                elif outcome.error is not None:
+                    raise OmnimirrorError(error_message(outcome.error))
                 else:
-                    writers.add(outcome.value())
+                    writers.add(outcome.result)
                 done += sum(len(item.outputs) for item in outcome.block.items)
                 if on_progress is not None:
                     on_progress(done, total)
@@ -269,7 +268,7 @@ def status(job: BatchJob | str | Path) -> BatchStatus:
     omnimirror.base.errors.SpecError: path must be an existing job file; got 'missing.toml'
     """
     job = _job(job)
-    store = Store(job.output_url, job.storage)
+    store = job.store()
     return _status(store, BatchManifest(store))
 
 

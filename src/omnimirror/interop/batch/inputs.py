@@ -173,16 +173,12 @@ def parse_time(text: str, form: str = "") -> float | None:
 # -- Files, lists and tables -----------------------------------------------------------------------
 
 
-def _store(job: BatchJob, url: str) -> Store:
-    return Store(url, job.storage)
-
-
 def _files(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
     """Yield the files of a pattern; a folder stands for its images and those of its subfolders."""
     url = job.resolve(pattern)
     if not is_remote(url) and os.path.isdir(url):
         url = os.path.join(url, "**")
-    store = _store(job, url)
+    store = job.store(url)
     matches = store.glob(url)
     is_pattern = url != job.resolve(pattern) or any(c in pattern for c in "*?[")
     count = 0
@@ -197,7 +193,7 @@ def _files(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
 def _listed(job: BatchJob, name: str) -> Iterator[BatchInput]:
     """Yield the files of a list; missing files are reported when they are read."""
     url = job.resolve(name)
-    text = _store(job, url).read(url, 0, MAX_TEXT_BYTES).decode("utf-8-sig", "replace")
+    text = job.store(url).read(url, 0, MAX_TEXT_BYTES).decode("utf-8-sig", "replace")
     for line in text.splitlines():
         if line.strip() and not line.startswith("#"):
             yield _file(job, line.strip())
@@ -218,7 +214,7 @@ def _file(job: BatchJob, name: str, **labels: Any) -> BatchInput:
 def _tabulated(job: BatchJob, name: str) -> Iterator[BatchInput]:
     """Yield the rows of a CSV or Parquet table with the columns path, camera and time."""
     url = job.resolve(name)
-    data = _store(job, url).read(url, 0, MAX_TABLE_BYTES)
+    data = job.store(url).read(url, 0, MAX_TABLE_BYTES)
     if url.endswith(".parquet"):
         pq: Any = _package("pyarrow.parquet", "Parquet tables")
         try:
@@ -255,7 +251,7 @@ def _package(name: str, purpose: str) -> Any:
 
 def _matches(job: BatchJob, pattern: str) -> list[Any]:
     url = job.resolve(pattern)
-    matches = _store(job, url).glob(url)
+    matches = job.store(url).glob(url)
     if not matches:
         raise MediaError(f"inputs must match files; got none for {pattern}")
     return matches
@@ -264,7 +260,7 @@ def _matches(job: BatchJob, pattern: str) -> list[Any]:
 def _members(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
     """Yield the images in tar and zip files; those of uncompressed tar files with their position."""
     for shard in _matches(job, pattern):
-        with _store(job, shard.url).open(shard.url) as file:
+        with job.store(shard.url).open(shard.url) as file:
             try:
                 if shard.url.endswith(".zip"):
                     with zipfile.ZipFile(file) as archive:
@@ -365,15 +361,14 @@ class InputReader:
 
     Parameters
     ----------
-    storage
-        Options of fsspec file systems.
-    stored_orientation
-        Whether the orientation in EXIF data is ignored.
+    job
+        Job with the options of the stores.
     """
 
-    def __init__(self, storage: Any, stored_orientation: bool = False) -> None:
-        self.storage, self.stored_orientation = storage, stored_orientation
-        self.store = lru_cache(maxsize=8)(lambda root: Store(root, storage))
+    def __init__(self, job: BatchJob) -> None:
+        storage = job.storage
+        self.stored_orientation = job.dewarp.stored_orientation
+        self.store = lru_cache(maxsize=8)(job.store)
         self.archives: dict[str, tuple[Any, zipfile.ZipFile]] = {}
         self.lock = Lock()
         self.slab = lru_cache(maxsize=1)(self._slab)

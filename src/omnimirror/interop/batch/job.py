@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ...base.arguments import file_name
+from ...base.block_runner import Retries
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import json_plain, parse_toml, read_text
 from ...io.batch import IMAGE_SUFFIXES, WRITABLE_VIDEO_SUFFIXES
@@ -27,7 +28,7 @@ from ...optics.toml_validation import (
     validated,
 )
 from ..named_views import MAX_VIEWS, NamedView, parse_view
-from .stores import join_url
+from .stores import Store, join_url
 
 OutputKind = Literal["files", "webdataset", "zarr", "video"]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -224,6 +225,15 @@ class BatchJob:
     def sensor_of(self, camera: str, time: float | None) -> AssignedSensor | None:
         """Return the sensor of an input; None if no rule applies."""
         return next((each for each in self.sensors if each.applies(camera, time)), None)
+
+    @property
+    def retries(self) -> Retries:
+        """Repetition after transient errors."""
+        return Retries(1 + self.execution.retries, self.execution.retry_delay_s)
+
+    def store(self, url: str | None = None) -> Store:
+        """Return the store of a URL, by default of the outputs."""
+        return Store(url or self.output_url, self.storage, self.retries)
 
     @property
     def view_digests(self) -> dict[str, str]:

@@ -18,9 +18,11 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from ...base.errors import MediaError, OmnimirrorError, extra_remedy
+from ...base.files import parse_json
 from .stores import Store
 
 FOLDER = "_manifest"
@@ -99,17 +101,19 @@ class ManifestWriter:
         self.name = f"{FOLDER}/rows-{socket.gethostname()}-{os.getpid()}-{os.urandom(4).hex()}"
         self.handle: int | None = None
         self.rows: list[bytes] = []
-        self.count = 0
+        self.lock = Lock()
 
     def add(self, row: ManifestRow) -> None:
         """Append a row; in object stores it is written by :meth:`flush`."""
         if self.store.is_remote:
-            self.rows.append(row.line())
+            with self.lock:
+                self.rows.append(row.line())
             return
-        if self.handle is None:
-            path = Path(self.store.url(f"{self.name}.jsonl"))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        with self.lock:
+            if self.handle is None:
+                path = Path(self.store.url(f"{self.name}.jsonl"))
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
         os.write(self.handle, row.line())
 
     def __del__(self) -> None:
@@ -117,17 +121,23 @@ class ManifestWriter:
             os.close(self.handle)
 
     def flush(self) -> None:
-        """Write the pending rows as an object."""
-        if self.rows:
+        """Write the pending rows of all threads as an object."""
+        with self.lock:
             rows, self.rows = self.rows, []
-            self.store.write(f"{self.name}-{self.count:06d}.jsonl", b"".join(rows))
-            self.count += 1
+        if not rows:
+            return
+        try:
+            self.store.write(f"{self.name}-{os.urandom(6).hex()}.jsonl", b"".join(rows))
+        except BaseException:
+            with self.lock:
+                self.rows = rows + self.rows
+            raise
 
 
 @lru_cache(maxsize=8)
 def manifest_writer(root: str, storage: str, run: str) -> ManifestWriter:
     """Return the writer of this process for an output URL and a run; ``storage`` is JSON."""
-    return ManifestWriter(Store(root, json.loads(storage)))
+    return ManifestWriter(Store(root, parse_json(storage)))
 
 
 class BatchManifest:

@@ -14,12 +14,11 @@ from ...base.block_runner import WHOLE, part_of
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result, table_of
-from .arrays import ARRAYS
+from .arrays import ARRAYS, prepare_group
 from .blocks import BatchBlock, PlannedItem, PlannedOutput, processor_of, training_samples
 from .inputs import BatchInput, list_inputs, stem_of
 from .job import AssignedSensor, BatchJob, digest_of
 from .manifest import DONE, FAILED, PLAN_NAME, BatchManifest, ManifestRow
-from .stores import Store
 
 NAME_DIGITS = 10
 """Digits of a digest in a name."""
@@ -169,6 +168,12 @@ class BatchPlan(Result):
         }
         self.manifest.store.write(PLAN_NAME, json.dumps(record).encode())
 
+    def prepare(self) -> None:
+        """Create the arrays of Zarr outputs, which blocks write to."""
+        if self.job.output.kind == "zarr":
+            for name, (count, sizes) in array_groups(self).items():
+                prepare_group(self.job, name, count, sizes)
+
     def sensor_counts(self) -> list[dict[str, Any]]:
         """Return the number of inputs by sensor and camera, as rows of a table."""
         groups = Counter((item.sensor, item.source.camera) for item in self.items)
@@ -189,7 +194,7 @@ def plan_of(job: BatchJob) -> BatchPlan:
     OmnimirrorError
         If inputs cannot be listed, two outputs have the same name, or the manifest is damaged.
     """
-    manifest = BatchManifest(Store(job.output_url, job.storage))
+    manifest = BatchManifest(job.store())
     inputs = _frames(job) if job.render is not None else list_inputs(job)
     assigned: list[tuple[BatchInput, AssignedSensor]] = []
     unassigned: list[BatchInput] = []

@@ -118,6 +118,15 @@ class Store:
 
         return self.retries.call(call)
 
+    def _access(self, url: str, function: Callable[[], T]) -> T:
+        """Call a function of the file system; errors other than missing objects become messages."""
+        try:
+            return self.call(function)
+        except FileNotFoundError:
+            raise
+        except OSError as e:
+            raise MediaError(f"cannot access {url}: {e.strerror or e}") from None
+
     def read(self, name: str, start: int | None = None, stop: int | None = None) -> bytes:
         """Read an object, or its bytes from start to stop.
 
@@ -168,7 +177,7 @@ class Store:
     def _write_local(self, path: Path, data: bytes) -> None:
         temporary = os.path.join(temporary_folder(self.root), f"{_own_mark()}{os.urandom(4).hex()}")
         try:
-            handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+            handle = _create(temporary)
             try:
                 view = memoryview(data)
                 while view:
@@ -197,14 +206,14 @@ class Store:
         url = self.url(name)
         if not self.is_remote:
             return os.path.exists(url)
-        return bool(self.call(lambda: self._fs.exists(url)))
+        return bool(self._access(url, lambda: self._fs.exists(url)))
 
     def remove(self, name: str) -> None:
         """Remove an object if it exists."""
         url = self.url(name)
         with suppress(FileNotFoundError):
             if self.is_remote:
-                self.call(lambda: self._fs.rm_file(url))
+                self._access(url, lambda: self._fs.rm_file(url))
             else:
                 os.unlink(url)
 
@@ -215,7 +224,7 @@ class Store:
             return list(_local_objects(url))
         try:
             self._fs.invalidate_cache(url)
-            entries = self.call(lambda: self._fs.ls(url, detail=True))
+            entries = self._access(url, lambda: self._fs.ls(url, detail=True))
         except FileNotFoundError:
             return []
         return [
@@ -231,8 +240,8 @@ class Store:
             paths = sorted(glob.iglob(url, recursive=True)) if glob.has_magic(url) else [url]
             return [entry for path in paths if (entry := _local_object(path)) is not None]
         if not glob.has_magic(url):
-            return [_stored_object(url, self.call(lambda: self._fs.info(url)))]
-        matches = self.call(lambda: self._fs.glob(url, detail=True))
+            return [_stored_object(url, self._access(url, lambda: self._fs.info(url)))]
+        matches = self._access(url, lambda: self._fs.glob(url, detail=True))
         return [
             _stored_object(self._fs.unstrip_protocol(name), entry)
             for name, entry in sorted(matches.items())
@@ -243,7 +252,7 @@ class Store:
         """Open an object for reading with random access."""
         url = self.url(name)
         if self.is_remote:
-            return self.call(lambda: self._fs.open(url, "rb"))
+            return self._access(url, lambda: self._fs.open(url, "rb"))
         return open(url, "rb")
 
 
@@ -267,25 +276,30 @@ def file_system(protocol: str, options: str) -> Any:
 
 
 def temporary_folder(root: str) -> str:
-    """Return the folder of temporary files of a local store, which is created."""
-    return _made(os.path.join(local_path(root), "_manifest", TEMPORARY_FOLDER))
-
-
-@lru_cache(maxsize=64)
-def _made(folder: str) -> str:
-    os.makedirs(folder, exist_ok=True)
-    return folder
+    """Return the folder of temporary files of a local store."""
+    return os.path.join(local_path(root), "_manifest", TEMPORARY_FOLDER)
 
 
 def remove_leftovers(root: str) -> None:
     """Remove temporary files of ended processes of this host."""
     folder, own = temporary_folder(root), f"{socket.gethostname()}-"
+    os.makedirs(folder, exist_ok=True)
     for name in os.listdir(folder):
         if name.startswith(own):
             process = name.removeprefix(own).partition("-")[0]
             if process.isdigit() and not _is_running(int(process)):
                 with suppress(OSError):
                     os.unlink(os.path.join(folder, name))
+
+
+def _create(temporary: str) -> int:
+    """Create a file, and its folder if necessary; return its descriptor."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    try:
+        return os.open(temporary, flags, 0o666)
+    except FileNotFoundError:
+        os.makedirs(os.path.dirname(temporary), exist_ok=True)
+        return os.open(temporary, flags, 0o666)
 
 
 def _own_mark() -> str:
