@@ -31,7 +31,7 @@ EXTRAS = {
     "video": "import omnimirror.io.video, av",
     "exr": COMMAND.format("simulate paper-spherical --samples 1 -o image.exr"),
     "design": "import omnimirror.design.optimise, pymoo, pyarrow",
-    "cluster": "import omnimirror.manufacturing.tolerancing.sweep, distributed, pyarrow",
+    "cluster": "import omnimirror.interop.batch, distributed, fsspec, s3fs, zarr, pyarrow",
     "cad": COMMAND.format("export paper-spherical --formats step,stl,dxf -o workshop"),
     "metrology": "import omnimirror.manufacturing.metrology, SurfaceTopography",
     "interop": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),

@@ -111,6 +111,7 @@ if TYPE_CHECKING:
     from .dewarp.restoration.noise import estimate_noise as estimate_noise
     from .dewarp.video_files import dewarp_video as dewarp_video
     from .dewarp.views import register_view as register_view
+    from .interop import batch as batch
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
     from .interop.file_schemas import schema as schema
@@ -358,7 +359,7 @@ _HOMES = {
     "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
-_MODULES = {"mirrors": "optics.mirrors"}
+_MODULES = {"batch": "interop.batch", "mirrors": "optics.mirrors"}
 __all__ = ["__version__", *_HOMES]
 
 

@@ -153,21 +153,30 @@ def load_views(path: str | Path, changes: Mapping[str, Any] | None = None) -> di
                 f"{path}: changes of the view {name} must be entries such as {name}.pan_deg"
             )
     tables = merge_tables(tables, changes or {})
-    return {name: _parse_view(name, table, str(path)) for name, table in tables.items()}
+    return {name: _view_in_file(name, table, str(path)) for name, table in tables.items()}
 
 
-def _parse_view(name: str, table: dict[str, Any], source: str) -> NamedView:
+def parse_view(name: str, table: dict[str, Any]) -> NamedView:
+    """Convert a table of a file to a view; ``view`` is its type, ``steerable`` permits steering.
+
+    >>> parse_view("door", {"view": "panorama", "size": [720, 180]}).options
+    {'size': (720, 180)}
+    """
     options = {
         key: tuple(value) if key in TUPLE_OPTIONS and isinstance(value, list) else value
         for key, value in table.items()
     }
     kind, steerable = options.pop("view", STEERABLE_KIND), options.pop("steerable", False)
+    if not isinstance(kind, str):
+        raise InvalidParameter(f"view must be a string; got {kind!r}")
+    if not isinstance(steerable, bool):
+        raise InvalidParameter(f"steerable must be true or false; got {steerable!r}")
+    return NamedView(name, kind, options, steerable)
+
+
+def _view_in_file(name: str, table: dict[str, Any], source: str) -> NamedView:
     try:
-        if not isinstance(kind, str):
-            raise InvalidParameter(f"view must be a string; got {kind!r}")
-        if not isinstance(steerable, bool):
-            raise InvalidParameter(f"steerable must be true or false; got {steerable!r}")
-        return NamedView(name, kind, options, steerable)
+        return parse_view(name, table)
     except InvalidParameter as e:
         raise SpecError(f"{source}, [{name}]: {e}") from None
 

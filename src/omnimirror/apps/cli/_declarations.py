@@ -690,6 +690,19 @@ def factor(text: str) -> float:
     return number
 
 
+def part(text: str) -> tuple[int, int]:
+    """Parse a part of an array job.
+
+    >>> part("2/8")
+    (2, 8)
+    """
+    try:
+        i, n = (int(word) for word in text.split("/"))
+    except ValueError:
+        raise InvalidParameter(f"--part must be I/N, such as 2/8; got {text!r}") from None
+    return i, n
+
+
 def viewpoint(text: str) -> float | str:
     """Parse ``exact``, ``single``, or a height above the mirror vertex in mm.
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 from rich.console import Console
 
+from ....base.block_runner import WHOLE
 from ....base.errors import InvalidParameter, OmnimirrorError
 from ....base.escaping import shell_command
 from ....base.files import display_name, is_stream, write_json, write_text
@@ -17,7 +18,7 @@ from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from ....manufacturing.tolerancing.monte_carlo import format_motion
 from ....manufacturing.tolerancing.perturbation import GRADES
 from ....manufacturing.tolerancing.requirement_merits import is_lower_limit, is_requirement_merit
-from ....manufacturing.tolerancing.sweep import FULL_SWEEP, SHARD_TRIALS, Sweep
+from ....manufacturing.tolerancing.sweep import SHARD_TRIALS, Sweep
 from ....manufacturing.tolerancing.tolerance_analysis import (
     ToleranceReport,
     TypicalSensor,
@@ -41,6 +42,7 @@ from .._declarations import (
     file_entries,
     flag,
     option,
+    part,
     setting,
 )
 from .._output import (
@@ -119,7 +121,7 @@ class SweepOptions(Options):
             return None
         return Sweep(
             out / SHARDS,
-            FULL_SWEEP if self.part is None else _part(self.part),
+            WHOLE if self.part is None else part(self.part),
             self.scheduler,
             size,
         )
@@ -252,15 +254,6 @@ def _limit(words: str) -> tuple[str, float]:
         raise InvalidParameter(
             f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {words!r}"
         ) from None
-
-
-def _part(words: str) -> tuple[int, int]:
-    """Parse a part such as ``2/8``."""
-    try:
-        i, n = (int(word) for word in words.split("/"))
-    except ValueError:
-        raise InvalidParameter(f"--part must be I/N, such as 2/8; got {words!r}") from None
-    return i, n
 
 
 def _print(console: Console, report: ToleranceReport) -> None:
