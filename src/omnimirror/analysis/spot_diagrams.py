@@ -299,7 +299,7 @@ def check_blur(
     )
     rows = []
     for F in numbers:
-        changed = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]
+        changed = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]  # all implementations are dataclasses
         result = evaluate(changed, angles, object_distance_mm=object_distance_mm)
         spot = spots(changed, angles, pupil=fans, object_distance_mm=object_distance_mm)
         t, s = spot.t_px[:, 0, :FAN_RAYS], spot.s_px[:, 0, FAN_RAYS:]

@@ -404,7 +404,7 @@ class ViewOverTime:
         self.keyframes = None if settings.keyframes is None else Keyframes.load(settings.keyframes)
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
-            known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
+            known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]  # subclasses are dataclasses
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
                 raise InvalidParameter(
                     f"{settings.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
@@ -424,7 +424,7 @@ class ViewOverTime:
             self.still = self._dewarper(self.view)
         if self.keyframes is None:
             return dewarp_frame(self.still, frame, self.siting, to_siting)
-        view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]
+        view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]  # all implementations are dataclasses
         return dewarp_frame(self._dewarper(view), frame, self.siting, to_siting)
 
 

@@ -309,5 +309,5 @@ def _built(section: str, kind: type[T], table: dict[str, Any], where: SourceLoca
                 f"unknown entry {section}.{name}{hint}; use {', '.join(names)}",
             )
         # validate single entries, so that errors refer to their line
-        where.wrap((section, name), lambda name=name: kind(**{name: table[name]}))  # type: ignore[misc]
+        where.wrap((section, name), lambda name=name: kind(**{name: table[name]}))  # type: ignore[misc]  # type of the default is not inferred
     return kind(**table)

@@ -769,8 +769,8 @@ def _annotation(hint: Any) -> Any:
     if typing.get_origin(hint) is not tuple:
         return hint
     if args[1:] == (...,):
-        return list[args[0]]  # type: ignore[valid-type]
-    return Annotated[list[args[0]], Field(min_length=len(args), max_length=len(args))]  # type: ignore[valid-type]
+        return list[args[0]]  # type: ignore[valid-type]  # type computed at run time
+    return Annotated[list[args[0]], Field(min_length=len(args), max_length=len(args))]  # type: ignore[valid-type]  # type computed at run time
 
 
 def _tuples(value: Any) -> Any:

@@ -110,7 +110,7 @@ def _line(
     """Draw a column of the subject's table as a line with the gid "name:column"."""
     y = getattr(subject.curve, column) if values is None else values
     style = {"color": subject.colour, **style}
-    (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **style)  # type: ignore[arg-type]
+    (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **style)  # type: ignore[arg-type]  # types of the keywords depend on their names
     return line
 
 

@@ -160,7 +160,7 @@ def add_options(
             command = click.option(
                 *declarations, cls=GroupedOption, group=group or heading(kind), **attributes
             )(command)
-        return command  # type: ignore[no-any-return]
+        return command  # type: ignore[no-any-return]  # the type depends on the argument
 
     return decorate
 
@@ -430,7 +430,7 @@ def file_entries(
 
         parameter = _set_option(gathered)
         parameter.file, parameter.tables = file, tables
-        return gathered  # type: ignore[return-value]
+        return gathered  # type: ignore[return-value]  # keeps the signature of the command
 
     return decorate
 

@@ -400,7 +400,7 @@ def _answer(message: DesignRequest, **fields: object) -> DesignResponse:
         "rows": (),
         "blocks": (),
     }
-    return DesignResponse(slot=message.slot, number=message.number, **{**empty, **fields})  # type: ignore[arg-type]
+    return DesignResponse(slot=message.slot, number=message.number, **{**empty, **fields})  # type: ignore[arg-type]  # types of the keywords depend on their names
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:

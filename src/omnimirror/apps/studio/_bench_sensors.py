@@ -237,7 +237,7 @@ def on_bench(sensor: Sensor) -> BenchSensor:
         and sensor.secondary is None
         and not sensor.lens.TELECENTRIC
     )
-    follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
+    follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]  # is_mapped implies a MappingMirror
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
 
 
@@ -425,7 +425,7 @@ def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
     """Solve a prescribed-mapping mirror for another viewing angle; other mirrors are returned
     unchanged."""
     if isinstance(mirror, MappingMirror):
-        return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
+        return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]  # all implementations are dataclasses
     return mirror
 
 

@@ -114,7 +114,7 @@ def _news(
     sensor: Sensor | None = None,
 ) -> TaskStatus:
     on = on_bench(sensor) if sensor is not None else None
-    return TaskStatus(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]
+    return TaskStatus(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]  # pydantic checks the state
 
 
 def main() -> None:

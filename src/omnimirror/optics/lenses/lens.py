@@ -272,7 +272,7 @@ class Lens(ABC):
 
     def focused_at(self, focus_distance_mm: float) -> Self:
         """Return the lens focused at another distance."""
-        return replace(self, focus_distance_mm=focus_distance_mm)  # type: ignore[type-var]
+        return replace(self, focus_distance_mm=focus_distance_mm)  # type: ignore[type-var]  # all implementations are dataclasses
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the lens at a wavelength, with a fixed imager; ideal lenses are achromatic."""
@@ -296,10 +296,10 @@ class Lens(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters only; cached results are recomputed."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]  # subclasses are dataclasses
 
     def _check(self) -> None:
-        for f in fields(self):  # type: ignore[arg-type]
+        for f in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
             self.PARAMETERS[f.name].check(f.name, number(f.name, getattr(self, f.name)))
 
 

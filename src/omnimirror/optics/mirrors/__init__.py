@@ -49,7 +49,7 @@ def _check(name: str, cls: Any) -> None:
         raise InvalidParameter(
             f"{cls.__name__}.KIND must be {name!r}, its registered name; got {format_value(kind)}"
         )
-    names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+    names = [f.name for f in fields(cls)]  # type: ignore[arg-type]  # subclasses are dataclasses
     if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
         raise InvalidParameter(
             f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in "

@@ -115,7 +115,7 @@ class Mirror(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters only; cached results are recomputed."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]  # subclasses are dataclasses
 
     def _check(self) -> None:
         """Check that all parameters are in range and that the surface extends to the rim."""
@@ -124,7 +124,7 @@ class Mirror(ABC):
 
     def _check_parameters(self) -> None:
         check_fields(self)
-        for f in fields(self):  # type: ignore[arg-type]
+        for f in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
             if (value := getattr(self, f.name)) is not None:
                 self.PARAMETERS[f.name].check(f.name, value)
 

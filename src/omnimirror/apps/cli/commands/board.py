@@ -62,7 +62,7 @@ class OptionalBoardOptions(Options):
             return None
         columns, rows = self.board
         more = self.subset("marker_mm", "spacing", "family")
-        return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]
+        return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]  # types of the keywords depend on their names
 
 
 @dataclass(frozen=True)

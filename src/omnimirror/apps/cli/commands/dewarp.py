@@ -234,7 +234,7 @@ class VideoOptions(Options):
         """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             raise click.UsageError(_wrong_format("a video", PIPE_FORMATS, kind))
-        return VideoSettings(**self.given, pipe_format=kind)  # type: ignore[arg-type]
+        return VideoSettings(**self.given, pipe_format=kind)  # type: ignore[arg-type]  # types of the keywords depend on their names
 
 
 @click.command(
