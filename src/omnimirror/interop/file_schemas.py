@@ -239,7 +239,7 @@ def _housing() -> Schema:
 
 
 def _part(cls: type[Any]) -> Schema:
-    return _described(_table(table_model(cls)), cls)
+    return _described(_table(table_model(cls)), cls)  # type: ignore[arg-type]  # the cache requires Hashable
 
 
 def _variants(registry: Mapping[str, type[Any]], model: Callable[[Any], type[Table]]) -> Schema:
