@@ -232,7 +232,7 @@ def test_walk_uses_documented_modules(name, tmp_path, monkeypatch):
     files = walks()[name]
     for module in files:
         import_module(f"omnimirror.{module}")
-    WAYS[name]()  # as a preceding test may do
+    WAYS[name]()  # a preceding test may do this
     assert led(entered(WAYS[name]), files) == files
 
 

@@ -1,11 +1,11 @@
 """Footprints of output pixels in the image, and the number of samples in their averages.
 
-The footprint of a pixel is the parallelogram that the map makes of it, extended to four neighbours:
-from the midpoint to the left neighbour to the midpoint to the right one, and likewise above and
-below. For minified views it is larger than a source pixel, and a single sample would alias; the
-mean of cubic samples distributed uniformly over it does not. The number of samples follows from the
-length of the sides for each cell of the view, and their spacing from the footprint of each pixel;
-cells therefore join without a seam.
+The footprint of a pixel is the parallelogram in the source image whose sides extend from the
+midpoint to the left neighbour to the midpoint to the right one, and likewise above and below. For
+minified views it is larger than a source pixel, and a single sample would alias; the mean of cubic
+samples distributed uniformly over it does not. The number of samples follows from the length of the
+sides for each cell of the view, and their spacing from the footprint of each pixel; cells therefore
+join without a seam.
 """
 
 from __future__ import annotations

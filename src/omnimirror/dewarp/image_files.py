@@ -222,12 +222,12 @@ class ImageDewarper:
             converted.dtype,
             dewarped.dtype,
         )
-        metadata, dropped = source_metadata.that_fits(output, converted, recoded)
+        metadata, dropped = source_metadata.supported_by(output, converted, recoded)
         write_image(
             output,
             converted,
             panorama=panorama if can_be_panorama(output) else None,
-            carried=metadata,
+            metadata=metadata,
         )
         height, width = dewarped.shape[:2]
         notes = _change_of_depth(dewarped.dtype.name, converted.dtype.name)
@@ -295,5 +295,5 @@ def _change_of_depth(before: str, after: str) -> str:
 
 
 def _percent(dewarp: Dewarper | ColourDewarper) -> str:
-    share = 100 * dewarp.valid.mean()
-    return "all pixels" if share == 100 else f"{share:.3g} % of the pixels"
+    percent = 100 * dewarp.valid.mean()
+    return "all pixels" if percent == 100 else f"{percent:.3g} % of the pixels"

@@ -26,7 +26,7 @@ ORIGINS = 1 << 14  # ray origins on the mirror; error some 1e-5 px near the mirr
 SLACK = 1e-9  # radians; the rim itself is inside the field
 CLOSE = 1e-7  # step in sin(Omega/2): the remaining error of a Newton step is about its square
 GAP = 0.1  # below any jump of the sine between two directions that differ by 360 deg
-MOST_STEPS = 100  # bisection alone requires 25
+MAX_STEPS = 100  # bisection alone requires 25
 
 
 class Tables(NamedTuple):
@@ -210,7 +210,7 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
     q = np.clip(np.nan_to_num(_half_angles(across, along - viewpoint)[0], nan=first), first, last)
     low, high = np.full_like(q, 2 * first - last), np.full_like(q, 2 * last - first)
     roots = np.full_like(q, np.nan)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         (x, x_rate, fraction), (z, z_rate, _) = (_cells(column, q, tables) for column in origins.T)
         # f(q) = q - sin(phi/2), f' = 1 - cos(phi/2) / 2 * dphi/dq, with the angle phi of (dx, dz)
         # to the axis and dphi/dq = (dx z' - dz x') / (dx^2 + dz^2) for the origin (x, z)(q)

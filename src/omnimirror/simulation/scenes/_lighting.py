@@ -88,7 +88,7 @@ def light_on(
     from_sources = direct(np.concatenate(points), np.concatenate(normals), solids, sources)
     shares = np.split(from_sources, np.cumsum([len(p) for p in points])[:-1])
     for (face, canvas), p, share in zip(painted, points, shares, strict=True):
-        visibility = openness(p, face, room, solids)
+        visibility = ambient_fraction(p, face, room, solids)
         yield _spread(share + visibility[:, None] * GLOW, visibility > 0, face, canvas, GRID_MM)
 
 
@@ -191,7 +191,7 @@ def direct(points: Array, normals: Array, solids: Sequence[Box], sources: LightS
     return light
 
 
-def openness(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Array:
+def ambient_fraction(points: Array, face: Face, room: Box, solids: Sequence[Box]) -> Array:
     """Return the fraction (n,) of ambient light at points (n, 3) mm of a face: 1 far from all
     objects.
     """
