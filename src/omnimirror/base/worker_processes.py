@@ -13,12 +13,14 @@ import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
-from threading import Thread
+from threading import Lock, Thread, local
 from typing import IO, Any, Generic, Self, TypeVar
 
+from .errors import OmnimirrorError
 from .interrupts import postponed
 from .native import usable_cores
 
@@ -135,6 +137,79 @@ class WorkerPool:
                 with postponed():
                     self._workers.append(_start_worker())
         return self._workers[: max(count, 0)]
+
+
+class WorkerDied(OmnimirrorError):
+    """Error of a call whose worker process was killed."""
+
+
+class ProcessExecutor(Executor):
+    """Executor with worker processes; a killed process fails only its call and is replaced.
+
+    Parameters
+    ----------
+    processes
+        Number of processes.
+
+    Examples
+    --------
+    >>> with ProcessExecutor(1) as executor:
+    ...     executor.submit(divmod, 7, 2).result()
+    (3, 1)
+    """
+
+    def __init__(self, processes: int) -> None:
+        self._threads = ThreadPoolExecutor(processes, thread_name_prefix="worker-process")
+        self._own, self._lock = local(), Lock()
+        self._workers: list[subprocess.Popen[bytes]] = []
+        self._is_cancelled = False
+
+    def submit(  # type: ignore[override]
+        self, function: Callable[..., T], /, *args: Any
+    ) -> Future[T]:
+        """Queue a call of a module-level function.
+
+        The future raises the exception of the function, :class:`WorkerDied` if the process was
+        killed, or the error of pickle for arguments that cannot be sent.
+        """
+        return self._threads.submit(self._call, function, args)
+
+    def _call(self, function: Callable[..., T], args: tuple[Any, ...]) -> T:
+        try:
+            result: T = _compute(self._worker(), function, args)
+        except _WorkerFailure as e:
+            if isinstance(e.__cause__, OSError | EOFError | ValueError):
+                raise WorkerDied("a worker process was killed; repeat the command") from None
+            raise e.__cause__ or e from None
+        return result
+
+    def _worker(self) -> subprocess.Popen[bytes]:
+        """Return the process of the current thread, which is started on demand."""
+        worker: subprocess.Popen[bytes] | None = getattr(self._own, "worker", None)
+        if worker is None or worker.poll() is not None:
+            with self._lock:
+                if self._is_cancelled:
+                    raise WorkerDied("the workers were terminated; repeat the command")
+                if worker is not None:
+                    self._workers.remove(worker)
+                    terminate_process(worker)
+                worker = self._own.worker = _start_worker()
+                self._workers.append(worker)
+        return worker
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Terminate the processes, with ``cancel_futures`` during their calls."""
+        if cancel_futures:
+            self._threads.shutdown(wait=False, cancel_futures=True)
+            with self._lock:
+                self._is_cancelled = True
+                for worker in self._workers:
+                    worker.kill()
+        self._threads.shutdown(wait=wait)
+        with self._lock:
+            for worker in self._workers:
+                terminate_process(worker)
+            self._workers = []
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,10 @@ from ..io.images import (
     OPAQUE,
     Image,
     ImageFormat,
+    ImageMetadata,
     can_be_panorama,
     check_size,
+    encode_image,
     format_of,
     read_image_and_metadata,
 )
@@ -105,6 +107,29 @@ def _in_depth(image: ImageArray, depth: str) -> ImageArray:
     if depth == "float32":
         return values.astype(np.float32)
     return np.rint(values.clip(0, 1) * OPAQUE[depth]).astype(depth)
+
+
+class SourceImage(NamedTuple):
+    """Decoded image with its metadata."""
+
+    name: str
+    """File name, for messages."""
+    pixels: Image
+    metadata: ImageMetadata
+
+
+class DewarpedImage(NamedTuple):
+    """Dewarped image in the depth and with the metadata of its output format."""
+
+    pixels: Image
+    panorama: GPano | None
+    metadata: ImageMetadata
+    notes: str
+    """Summary of the view and of conversions."""
+
+    def encoded(self, output: str | Path) -> bytes:
+        """Return the bytes of the output file."""
+        return encode_image(output, self.pixels, panorama=self.panorama, metadata=self.metadata)
 
 
 # -- Dewarping of image files ----------------------------------------------------------------------
@@ -198,48 +223,58 @@ class ImageDewarper:
         """Read, dewarp and write one image; return a summary sentence."""
         if is_same_file(output, source):
             raise InvalidParameter(f"the output must differ from the source image; got {output}")
+        self.check_output(output)
+        is_stored = self.request.stored_orientation
+        image, metadata = read_image_and_metadata(source, stored_orientation=is_stored)
+        dewarped = self.dewarp(SourceImage(str(source), image, metadata), output)
+        write_image(output, dewarped.pixels, panorama=dewarped.panorama, metadata=dewarped.metadata)
+        return f"{display_name(output)}: {dewarped.notes}"
+
+    def check_output(self, output: Path) -> None:
+        """Raise InvalidParameter if the format of an output has no required transparency."""
         kind = format_of(output)
         if self.transparent and not kind.has_alpha:
             raise InvalidParameter(
                 "the output must be a .png, .tif or .webp file for transparency; got a "
                 f"{output.suffix} file; alternatively use black outside the field"
             )
-        is_stored = self.request.stored_orientation
-        image, source_metadata = read_image_and_metadata(source, stored_orientation=is_stored)
+
+    def dewarp(self, source: SourceImage, output: Path) -> DewarpedImage:
+        """Dewarp a decoded image for the format of an output."""
+        kind, is_stored = format_of(output), self.request.stored_orientation
+        image, orientation = source.pixels, source.metadata.orientation
         border = self.request.border.for_image(image) if self.request.border else 0
         key = (image.shape[1], image.shape[0]), border  # identical for all such images
         dewarp, panorama = self.dewarper(*key)
-        _check_orientation(key[0], dewarp.camera.image_size, source_metadata.orientation, is_stored)
+        _check_orientation(key[0], dewarp.camera.image_size, orientation, is_stored)
         check_size(output, dewarp.view.size)
         restored = ""
         if self.restoration is not None:
-            image, restored = self._restored(
-                image, source, dewarp.camera, exposure_of(source_metadata.exif)
-            )
+            exposure = exposure_of(source.metadata.exif)
+            image, restored = self._restored(image, Path(source.name), dewarp.camera, exposure)
         dewarped = dewarp(image, kind.has_alpha if self.transparent is None else self.transparent)
         converted = as_stored(dewarped, kind)
         recoded = converted.dtype != dewarped.dtype and np.float32 in (
             converted.dtype,
             dewarped.dtype,
         )
-        metadata, dropped = source_metadata.supported_by(output, converted, recoded)
-        write_image(
-            output,
-            converted,
-            panorama=panorama if can_be_panorama(output) else None,
-            metadata=metadata,
-        )
+        metadata, dropped = source.metadata.supported_by(output, converted, recoded)
         height, width = dewarped.shape[:2]
         notes = _change_of_depth(dewarped.dtype.name, converted.dtype.name)
         if dropped:
             notes += f", {dropped}"
             self.dropped_metadata[dropped] += 1
-        if source_metadata.orientation != UPRIGHT:
-            turned = applied(source_metadata.orientation, is_stored)
+        if orientation != UPRIGHT:
+            turned = applied(orientation, is_stored)
             notes += f", {turned}"
             self.oriented[turned] += 1
-        size = f"{width} x {height} px"
-        return f"{display_name(output)}: {dewarp.view}, {size}, {self.inside(*key)} inside the field{notes}{restored}"
+        return DewarpedImage(
+            converted,
+            panorama if can_be_panorama(output) else None,
+            metadata,
+            f"{dewarp.view}, {width} x {height} px, {self.inside(*key)} inside the field"
+            f"{notes}{restored}",
+        )
 
     def dewarp_many(
         self,
@@ -264,7 +299,7 @@ class ImageDewarper:
         paths = expand_inputs(sources)
         pairs_of_paths = list(zip(paths, outputs_for(paths, folder), strict=True))
         pairs = [(s, o) for s, o in pairs_of_paths if not (skip_existing and o.exists())]
-        jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
+        jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]  # type of the default is not inferred
         results = run_parallel(jobs, threads, on_progress)
         return DewarpedImages(
             results, len(pairs_of_paths) - len(pairs), self.dropped_metadata, self.oriented

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
 
 from ..base import interrupts
 from ..base.arguments import file_name
+from ..base.block_runner import run_blocks, workers_in_threads
 from ..base.errors import MediaError, OmnimirrorError
 from ..base.files import is_same_file
 from ..base.native import usable_cores
@@ -25,13 +24,15 @@ VIDEO_SUFFIXES = (*WRITABLE_VIDEO_SUFFIXES, ".avi", ".mpg", ".mpeg")
 """Suffixes of videos."""
 
 
-class Job(NamedTuple):
-    """Task for one file."""
+@dataclass(frozen=True)
+class Job:
+    """Task for one file: a block that runs in a thread."""
 
     name: str
     """Name for messages."""
     run: Callable[[], object]
     """Function that performs the task, or raises."""
+    number: int = 0
 
 
 @dataclass
@@ -108,7 +109,7 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
     output = Path(folder) / (source.name if suffix is None else source.stem + suffix)
     if is_same_file(output, source):
         raise MediaError(
-            f"output must differ from the input; got {output} for both; give another folder"
+            f"output must differ from the input; got {output} for both; specify another folder"
         )
     return output
 
@@ -154,37 +155,25 @@ def run_parallel(
     """
     results = BatchResult()
     count = max(1, min(workers or usable_cores(), len(jobs)))
-
-    def start(job: Job) -> bool:
-        if interrupts.is_pending():
-            return False
-        job.run()
-        return True
-
-    with interrupts.deferred(), ThreadPoolExecutor(count, thread_name_prefix="batch") as pool:
-        futures = {pool.submit(start, job): job for job in jobs}
-        waiting = set(futures)
-        while waiting:
-            done, waiting = wait(waiting, interrupts.POLL_S, FIRST_COMPLETED)
-            if on_progress is not None and done:
-                on_progress(len(jobs) - len(waiting), len(jobs))
+    numbered = [replace(job, number=number) for number, job in enumerate(jobs)]
+    outcomes: dict[int, BaseException | None] = {}
+    with interrupts.deferred(), workers_in_threads(count) as threads:
+        for outcome in run_blocks(numbered, threads):
+            outcomes[outcome.block.number] = outcome.error
+            if on_progress is not None:
+                on_progress(len(outcomes), len(jobs))
         results.stopped_by = interrupts.exit_code()
-    for future, job in futures.items():
-        _sort(future, job, results)
+    for job in numbered:
+        if job.number not in outcomes:
+            results.not_started.append(job.name)
+        elif (error := outcomes[job.number]) is not None:
+            results.failed[job.name] = error_message(error)
+        else:
+            results.done.append(job.name)
     return results
 
 
-def _sort(future: Future[bool], job: Job, results: BatchResult) -> None:
-    error = future.exception()
-    if error is not None:
-        results.failed[job.name] = _error_message(error)
-    elif future.result():
-        results.done.append(job.name)
-    else:
-        results.not_started.append(job.name)
-
-
-def _error_message(error: BaseException) -> str:
+def error_message(error: BaseException) -> str:
     """Return an error message, also for unexpected errors, which must not discard other results."""
     if isinstance(error, OmnimirrorError):
         return str(error)

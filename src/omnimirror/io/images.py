@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import re
 import struct
+import tempfile
 import warnings
 import zlib
 from collections.abc import Iterator, Sequence
@@ -26,7 +27,8 @@ from ..base.arguments import file_name, instance
 from ..base.errors import MediaError, OmnimirrorError
 from ..base.files import atomic_output, read_bytes
 from . import _image_metadata, exr
-from ._image_metadata import METADATA_WRITERS, ImageMetadata, embed_metadata, read_metadata
+from ._image_metadata import METADATA_WRITERS, embed_metadata, read_metadata
+from ._image_metadata import ImageMetadata as ImageMetadata
 from ._panorama import GPano
 from .exif import UPRIGHT, oriented, without_orientation
 
@@ -286,8 +288,18 @@ def read_image_and_metadata(
     """Read an image file as :func:`read_image` does, with its metadata: colour profile, EXIF,
     orientation.
     """
+    return decode_image_and_metadata(
+        path, _data_of(Path(path)), stored_orientation=stored_orientation
+    )
+
+
+def decode_image_and_metadata(
+    path: str | Path, data: bytes, *, stored_orientation: bool = False
+) -> tuple[Image, ImageMetadata]:
+    """Decode an image and its metadata from the bytes of a file; ``path`` names it in messages."""
     path = Path(path)
-    data = _data_of(path)
+    if not data:
+        raise MediaError(f"cannot read the image {path}: the file is empty")
     metadata = read_metadata(data)
     if metadata.orientation == UPRIGHT:
         return _decoded(path, data), metadata
@@ -350,8 +362,6 @@ def _data_of(path: Path) -> bytes:
         raise MediaError(f"cannot read the image {path}: the file does not exist") from None
     except OSError as e:
         raise MediaError(f"cannot read the image {path}: {e.strerror or e}") from None
-    if not data:
-        raise MediaError(f"cannot read the image {path}: the file is empty")
     return data
 
 
@@ -453,6 +463,45 @@ def write_image(
     instance("image", image, np.ndarray, "an array of pixels")
     if panorama is not None:
         instance("panorama", panorama, GPano, "a GPano")
+    _check_writable(path, image, panorama, metadata)
+    try:
+        with atomic_output(path) as temporary:
+            if temporary.suffix.lower() == ".exr":
+                exr.write_exr(temporary, image)
+            else:
+                temporary.write_bytes(_encoded(Path(path), image, panorama, metadata))
+    except MediaError:
+        raise
+    except OmnimirrorError as e:
+        raise MediaError(str(e)) from None
+
+
+def encode_image(
+    path: str | Path,
+    image: Image,
+    *,
+    panorama: GPano | None = None,
+    metadata: ImageMetadata | None = None,
+) -> bytes:
+    """Return the bytes of the file that :func:`write_image` would write.
+
+    >>> encode_image("view.png", np.zeros((4, 4), np.uint8))[:4]
+    b'\\x89PNG'
+    """
+    path = Path(path)
+    _check_writable(path, image, panorama, metadata)
+    if path.suffix.lower() != ".exr":
+        return _encoded(path, image, panorama, metadata)
+    with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
+        file = Path(folder) / "image.exr"
+        exr.write_exr(file, image)
+        return read_bytes(file, MAX_FILE_BYTES)
+
+
+def _check_writable(
+    path: str | Path, image: Image, panorama: GPano | None, metadata: ImageMetadata | None
+) -> None:
+    """Raise MediaError unless the format of a file can store the image and its metadata."""
     kind = format_of(path)
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or 0 in image.shape:
@@ -472,16 +521,6 @@ def write_image(
         raise MediaError(
             f"cannot write {path}: a colour profile or EXIF requires {', '.join(METADATA_WRITERS)}"
         )
-    try:
-        with atomic_output(path) as temporary:
-            if temporary.suffix.lower() == ".exr":
-                exr.write_exr(temporary, image)
-            else:
-                temporary.write_bytes(_encoded(Path(path), image, panorama, metadata))
-    except MediaError:
-        raise
-    except OmnimirrorError as e:
-        raise MediaError(str(e)) from None
 
 
 def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:

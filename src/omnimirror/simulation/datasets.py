@@ -7,9 +7,9 @@ import json
 import tarfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -439,61 +439,108 @@ def write_training_dataset(
     ['set-000000.tar']
     """
     folder, per_shard = file_name("folder", folder), integer("per_shard", per_shard, 1, 1_000_000)
-    times = frame_times(path, frame_rate, duration_s)
+    dataset = TrainingSamples(
+        camera,
+        scene,
+        path,
+        tuple(frame_times(path, frame_rate, duration_s)),
+        tuple(bodies),
+        samples,
+        blur,
+        radiometry,
+        detector or Detector(),
+        seed,
+    )
+    count = len(dataset.times_s)
     if (folder / CARD_NAME).exists():
         raise InvalidParameter(
             f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder"
         )
-    sensor_detector, moving_bodies = detector or Detector(), tuple(bodies)
-
-    def moment(time: float) -> Moment:
-        return Moment(SceneWithBodies(scene, moving_bodies, time), Pose(**path.at(time)))
 
     def sample(number: int) -> dict[str, bytes]:
-        now, following = moment(times[number]), moment(times[min(number + 1, len(times) - 1)])
-        light = expose(
-            camera,
-            now.posed_scene,
-            samples=samples,
-            blur=blur,
-            radiometry=radiometry,
-            seed=seed + number,
-        )
-        image = encoded(sensor_detector.read(light, seed + number), ".png")
-        truth_maps = training_ground_truth(camera, now, following, radiometry)
+        files = dataset.files(number)
         if on_progress is not None:
-            on_progress(number + 1, len(times))
-        return {
-            "png": image,
-            "npz": _arrays(truth_maps),
-            "json": _record(now, times[number], number + 1 == len(times)),
-        }
+            on_progress(number + 1, count)
+        return files
 
     shards = []
-    for number, first in enumerate(range(0, len(times), per_shard)):
+    for number, first in enumerate(range(0, count, per_shard)):
         shards.append(folder / f"set-{number:06d}.tar")
-        _write_shard(
-            shards[-1], ((i, sample(i)) for i in range(first, min(first + per_shard, len(times))))
-        )
+        numbers = range(first, min(first + per_shard, count))
+        with atomic_output(shards[-1]) as temporary, temporary.open("wb") as file:
+            write_samples(file, ((f"{i:06d}", sample(i)) for i in numbers))
     save_camera(camera, folder / "sensor.toml")
+    names = [s.name for s in shards]
     write_text(
         folder / CARD_NAME,
-        _dataset_card(
-            camera, moment(times[0]).scene, len(times), frame_rate, [s.name for s in shards]
-        ),
+        _dataset_card(camera, dataset.moment(0).scene, count, frame_rate, names),
     )
     return shards
 
 
-def _write_shard(path: Path, samples: Iterable[tuple[int, dict[str, bytes]]]) -> None:
-    """Write a tar file that is reproducible byte by byte."""
-    with (
-        atomic_output(path) as temporary,
-        tarfile.open(temporary, "w", format=tarfile.USTAR_FORMAT) as shard,
-    ):
-        for number, files in samples:
+@dataclass(frozen=True)
+class TrainingSamples:
+    """Samples of a training dataset, each a pure function of its number.
+
+    Parameters
+    ----------
+    camera, scene, path, bodies, samples, blur, radiometry, detector, seed
+        As in :func:`write_training_dataset`.
+    times_s
+        Times of the frames, s.
+    """
+
+    camera: AnyCamera
+    scene: Scene
+    path: Keyframes
+    times_s: tuple[float, ...]
+    bodies: tuple[MovingBox, ...] = ()
+    samples: int = 4
+    blur: bool = False
+    radiometry: Radiometry | None = None
+    detector: Detector = field(default_factory=Detector)
+    seed: int = 0
+
+    def moment(self, number: int) -> Moment:
+        """Return scene and pose of a frame; those of the last frame beyond the end."""
+        time = self.times_s[min(number, len(self.times_s) - 1)]
+        return Moment(SceneWithBodies(self.scene, self.bodies, time), Pose(**self.path.at(time)))
+
+    def files(self, number: int) -> dict[str, bytes]:
+        """Render a sample; return the contents of its files by suffix.
+
+        Returns
+        -------
+        dict
+            ``"png"``, ``"npz"`` and ``"json"`` as described in the dataset card.
+        """
+        now, following = self.moment(number), self.moment(number + 1)
+        light = expose(
+            self.camera,
+            now.posed_scene,
+            samples=self.samples,
+            blur=self.blur,
+            radiometry=self.radiometry,
+            seed=self.seed + number,
+        )
+        image = encoded(self.detector.read(light, self.seed + number), ".png")
+        truth_maps = training_ground_truth(self.camera, now, following, self.radiometry)
+        is_last = number + 1 == len(self.times_s)
+        return {
+            "png": image,
+            "npz": _arrays(truth_maps),
+            "json": _record(now, self.times_s[number], is_last),
+        }
+
+
+def write_samples(file: BinaryIO, samples: Iterable[tuple[str, dict[str, bytes]]]) -> None:
+    """Write a WebDataset shard, reproducible byte by byte: files by suffix, with the key of their
+    sample as name.
+    """
+    with tarfile.open(fileobj=file, mode="w", format=tarfile.GNU_FORMAT) as shard:
+        for key, files in samples:
             for ending, content in files.items():
-                entry = tarfile.TarInfo(f"{number:06d}.{ending}")
+                entry = tarfile.TarInfo(f"{key}.{ending}")
                 entry.size = len(content)
                 shard.addfile(entry, io.BytesIO(content))
 

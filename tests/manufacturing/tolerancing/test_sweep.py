@@ -22,8 +22,8 @@ from click.testing import CliRunner
 
 import omnimirror as om
 from omnimirror.apps.cli import app
+from omnimirror.base import block_runner
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
-from omnimirror.manufacturing.tolerancing import sweep as sweep_module
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.sweep import Shard, Sweep
@@ -178,7 +178,7 @@ def test_parts_combine_to_the_whole(plan, expected, tmp_path, monkeypatch):
     parts = [counted(plan, tmp_path, part=(i, 3)) for i in (3, 1, 2)]
     assert sum(part.trials for part in parts) == TRIALS
     assert sum(part.passed for part in parts) == expected.passed
-    monkeypatch.setattr(Shard, "make", lambda *_, **__: pytest.fail("all are there"))
+    monkeypatch.setattr(Shard, "run", lambda *_, **__: pytest.fail("all are there"))
     assert_same(counted(plan, tmp_path), expected)
 
 
@@ -206,7 +206,7 @@ def test_parts_combine_to_the_whole(plan, expected, tmp_path, monkeypatch):
     ],
 )
 def test_invalid_sweeps_are_rejected(plan, tmp_path, call, words, monkeypatch):
-    monkeypatch.setattr(sweep_module, "CONNECT_S", 0.5)
+    monkeypatch.setattr(block_runner, "CONNECT_S", 0.5)
     counted(plan, tmp_path)
     with pytest.raises((InvalidParameter, OmnimirrorError), match=words):
         call(plan, tmp_path)

@@ -10,30 +10,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    CancelledError,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-    wait,
-)
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base import interrupts
 from ...base.arguments import check_fields
+from ...base.block_runner import (
+    WHOLE,
+    check_part,
+    is_stopping,
+    part_of,
+    run_blocks,
+    workers_in_threads,
+    workers_on_cluster,
+)
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError, extra_remedy
 from ...base.files import atomic_output, check_file, json_plain, parse_json, read_text, write_text
@@ -216,7 +211,12 @@ class Shard:
                 self.plan.tolerances.drawn(self.plan.seed, trial // BLOCK, count)
             ).astype(np.float32)
 
-    def make(self, goes_on: Callable[[], bool] = lambda: True) -> None:
+    @property
+    def name(self) -> str:
+        """Path of the file, for messages."""
+        return str(self.path)
+
+    def run(self) -> None:
         """Compute the shard and write its file.
 
         Raises
@@ -238,7 +238,7 @@ class Shard:
             pq.ParquetWriter(temporary, pa.schema(types), **plain) as writer,
         ):
             for rows in self.merits():
-                if not goes_on():
+                if is_stopping():
                     raise KeyboardInterrupt
                 numbers = np.arange(trial, trial + len(rows))
                 digest.update(_bytes_of(numbers, rows))
@@ -327,126 +327,9 @@ def _parquet() -> tuple[Any, Any]:
         raise OmnimirrorError(f"shards require pyarrow: {extra_remedy('design')}") from None
 
 
-AHEAD = 3  # queued shards per worker
-CONNECT_S = 10.0
-
-
-class Pool:
-    """Executor for shards with a number of workers."""
-
-    def __init__(self, executor: Executor, workers: int, make: Any) -> None:
-        self.executor, self.workers, self.make = executor, workers, make
-
-    def made(self, shards: Iterable[Shard]) -> Iterator[Shard]:
-        """Yield each shard once its file is complete.
-
-        Ctrl-C and SIGTERM cancel running shards and are then re-raised.
-        """
-        left = iter(shards)
-        with interrupts.postponed():
-            waiting = {self._begin(shard): shard for shard in islice(left, AHEAD * self.workers)}
-            while waiting and not interrupts.is_pending():
-                for future in wait(waiting, interrupts.POLL_S, FIRST_COMPLETED).done:
-                    shard = waiting.pop(future)
-                    future.result()
-                    waiting |= {self._begin(shard): shard for shard in islice(left, 1)}
-                    yield shard
-
-    def _begin(self, shard: Shard) -> Future[None]:
-        return self.executor.submit(self.make, shard)
-
-
-@contextmanager
-def pool_of(scheduler: str | None) -> Iterator[Pool]:
-    """Use threads of this process, or a cluster with the given scheduler address.
-
-    Raises
-    ------
-    OmnimirrorError
-        If the scheduler does not respond, has no workers, or its workers were killed.
-    """
-    if scheduler is not None:
-        with _cluster(scheduler) as pool:
-            yield pool
-        return
-    ended = threading.Event()
-    with ThreadPoolExecutor(backend.threads, thread_name_prefix="sweep") as executor:
-        try:
-            yield Pool(
-                executor, backend.threads, partial(Shard.make, goes_on=lambda: not ended.is_set())
-            )
-        finally:
-            ended.set()
-            executor.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[Pool]:
-    try:
-        distributed: Any = import_module("distributed")
-    except ImportError:
-        raise OmnimirrorError(
-            f"a scheduler requires distributed: {extra_remedy('cluster')}"
-        ) from None
-    try:
-        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError):
-        raise OmnimirrorError(
-            f"no Dask scheduler responds at {address!r}; start one with: dask scheduler"
-        ) from None
-    with _in_a_sentence(), client:
-        threads = sum(client.nthreads().values())
-        if not threads:
-            raise OmnimirrorError(
-                f"the scheduler at {address} has no workers; start some with: dask worker {address}"
-            )
-        try:
-            yield Pool(client.get_executor(pure=False), threads, make_on_worker)
-        except CancelledError:
-            raise OmnimirrorError(
-                f"the connection to the scheduler at {address} was lost; completed shards are kept, repeat the "
-                "command to "
-                "continue"
-            ) from None
-        except distributed.KilledWorker:
-            raise OmnimirrorError(
-                "workers were killed repeatedly while computing one shard; completed shards are kept, repeat the "
-                "command "
-                "to continue"
-            ) from None
-
-
-@contextmanager
-def _in_a_sentence() -> Iterator[None]:
-    """Suppress the log of the Dask client, whose errors are reported as exceptions."""
-    log = logging.getLogger("distributed")
-    before = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        log.setLevel(before)
-
-
-def make_on_worker(shard: Shard) -> None:
-    """Compute a shard on one thread of a cluster worker.
-
-    Errors are converted to messages, because an exception that cannot be serialised would block the
-    client.
-    """
-    backend.set_threads(1)
-    try:
-        shard.make()
-    except OmnimirrorError:
-        raise
-    except Exception as e:
-        raise OmnimirrorError(f"{shard.path} failed on a worker: {type(e).__name__}: {e}") from None
-
-
 SHARD_TRIALS = 64 * BLOCK
 """Default number of trials per shard: 5 to 10 s of one core, 50 MB."""
 ROUNDS = 3  # attempts to recompute corrupt shards
-FULL_SWEEP = (1, 1)
 
 
 @dataclass(frozen=True)
@@ -476,17 +359,13 @@ class Sweep:
     """
 
     folder: Path
-    part: tuple[int, int] = FULL_SWEEP
+    part: tuple[int, int] = WHOLE
     scheduler: str | None = None
     shard_trials: int = SHARD_TRIALS
 
     def __post_init__(self) -> None:
         check_fields(self)
-        i, n = self.part
-        if not 1 <= i <= n:
-            raise InvalidParameter(
-                f"part must be between 1/{max(n, 1)} and {max(n, 1)}/{max(n, 1)}; got {i}/{n}"
-            )
+        check_part(self.part)
         if self.shard_trials < 1 or self.shard_trials % BLOCK:
             raise InvalidParameter(
                 f"shard_trials must be a positive multiple of {BLOCK}; got {self.shard_trials}"
@@ -495,7 +374,7 @@ class Sweep:
     @property
     def is_whole(self) -> bool:
         """True if all shards are computed."""
-        return self.part == FULL_SWEEP
+        return self.part == WHOLE
 
 
 def run_sweep(
@@ -535,9 +414,10 @@ def run_sweep(
     """
     check_limits(limits)
     check_trials(plan.trials)
-    i, n = sweep.part
-    shards = [Shard(plan, sweep.folder, number) for number in range(i - 1, plan.shards, n)]
+    numbers = part_of(range(plan.shards), sweep.part)
+    shards = [Shard(plan, sweep.folder, number) for number in numbers]
     if not shards:
+        i, n = sweep.part
         raise InvalidParameter(
             f"part must not exceed the number of shards, {plan.shards}; got {i}/{n}"
         )
@@ -557,7 +437,9 @@ def run_sweep(
         if sweep.is_whole:
             write_manifest(sweep.folder, plan, checksums)
         return statistics
-    raise OmnimirrorError(f"shards in {sweep.folder} become corrupt repeatedly; check its disk")
+    raise OmnimirrorError(
+        f"shards in {sweep.folder} become corrupt repeatedly; check the disk of this folder"
+    )
 
 
 def _make_missing(
@@ -580,9 +462,15 @@ def _make_missing(
         on_progress(done, trials)
     if not missing:
         return
-    with pool_of(scheduler) as pool:
-        for shard in pool.made(missing):
-            done += shard.count
+    pool = (
+        workers_in_threads(backend.threads)
+        if scheduler is None
+        else workers_on_cluster(scheduler, noun="shards")
+    )
+    with pool as workers:
+        for outcome in run_blocks(missing, workers):
+            outcome.value()
+            done += outcome.block.count
             if on_progress:
                 on_progress(done, trials)
 
@@ -591,7 +479,7 @@ def _discard(
     shard: Shard, why: CorruptShardError, on_warning: Callable[[str], None] | None
 ) -> None:
     if on_warning:
-        on_warning(f"{why}; it is computed again")
+        on_warning(f"{why}; the shard is computed again")
     try:
         shard.path.unlink(missing_ok=True)
     except OSError as e:

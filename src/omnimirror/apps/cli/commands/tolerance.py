@@ -9,6 +9,7 @@ from typing import Any
 import click
 from rich.console import Console
 
+from ....base.block_runner import WHOLE
 from ....base.errors import InvalidParameter, OmnimirrorError
 from ....base.escaping import shell_command
 from ....base.files import display_name, is_stream, write_json, write_text
@@ -17,7 +18,7 @@ from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from ....manufacturing.tolerancing.monte_carlo import format_motion
 from ....manufacturing.tolerancing.perturbation import GRADES
 from ....manufacturing.tolerancing.requirement_merits import is_lower_limit, is_requirement_merit
-from ....manufacturing.tolerancing.sweep import FULL_SWEEP, SHARD_TRIALS, Sweep
+from ....manufacturing.tolerancing.sweep import SHARD_TRIALS, Sweep
 from ....manufacturing.tolerancing.tolerance_analysis import (
     ToleranceReport,
     TypicalSensor,
@@ -32,15 +33,18 @@ from ....manufacturing.tolerancing.tolerance_file import (
 )
 from ....optics.sensor_files import load_sensor
 from .._declarations import (
+    NUMBER,
+    SENSOR,
     DocumentedCommand,
+    IntegerRange,
     Options,
     add_options,
     file_entries,
     flag,
     option,
+    part,
     setting,
 )
-from .._option_types import NUMBER, SENSOR, IntegerRange
 from .._output import (
     json_option,
     output_console,
@@ -117,7 +121,7 @@ class SweepOptions(Options):
             return None
         return Sweep(
             out / SHARDS,
-            FULL_SWEEP if self.part is None else _part(self.part),
+            WHOLE if self.part is None else part(self.part),
             self.scheduler,
             size,
         )
@@ -153,7 +157,7 @@ class SweepOptions(Options):
 @output_option(
     "--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer."
 )
-@json_option("Write all numbers.")
+@json_option("Write all results as JSON.")
 def command(
     sensor: str,
     tolerances: str | None,
@@ -250,15 +254,6 @@ def _limit(words: str) -> tuple[str, float]:
         raise InvalidParameter(
             f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {words!r}"
         ) from None
-
-
-def _part(words: str) -> tuple[int, int]:
-    """Parse a part such as ``2/8``."""
-    try:
-        i, n = (int(word) for word in words.split("/"))
-    except ValueError:
-        raise InvalidParameter(f"--part must be I/N, such as 2/8; got {words!r}") from None
-    return i, n
 
 
 def _print(console: Console, report: ToleranceReport) -> None:

@@ -1,0 +1,271 @@
+"""Inputs from shards, arrays and videos; outputs to shards, arrays and videos."""
+
+import io
+import json
+import tarfile
+import zipfile
+
+import av
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import xarray
+import zarr
+
+import omnimirror as om
+from omnimirror.base.errors import OmnimirrorError
+from omnimirror.interop.batch.blocks import BatchBlock
+from omnimirror.interop.batch.inputs import key_frame_times
+from omnimirror.io.video_reader import VideoReader
+from tests.interop.batch.archives import (
+    CAMERA,
+    SENSOR,
+    VIEWS,
+    contents,
+    image,
+    job_of,
+    write_archive,
+)
+
+
+def expected(job, number, view="north"):
+    """Return a view of an image in RGB."""
+    return om.Dewarper(CAMERA, job.views[view](CAMERA))(image(number), False)
+
+
+def shard(path, names, paths):
+    """Write images to a tar or zip file."""
+    if path.suffix == ".zip":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, file in zip(names, paths, strict=True):
+                archive.write(file, name)
+    else:
+        with tarfile.open(path, "w") as tar:
+            for name, file in zip(names, paths, strict=True):
+                tar.add(file, name)
+                entry = tarfile.TarInfo(name.replace(".png", ".json"))
+                tar.addfile(entry, io.BytesIO())
+
+
+@pytest.mark.parametrize("suffix", [".tar", ".zip"])
+def test_shards_as_inputs(tmp_path, suffix):
+    paths = write_archive(tmp_path, 6)
+    names = [f"day/{number}.png" for number in range(6)]
+    shard(tmp_path / f"a{suffix}", names[:4], paths[:4])
+    shard(tmp_path / f"b{suffix}", names[4:], paths[4:])
+    job = job_of(
+        tmp_path, f'shards = ["*{suffix}"]', 'name = "{folder}{stem}-{view}"\nformat = ".bmp"'
+    )
+    assert om.batch.run(job, scheduler="threads").done == 12
+    for number in range(6):
+        name = f"{'a' if number < 4 else 'b'}/day/{number}-north.bmp"
+        np.testing.assert_array_equal(om.read_image(tmp_path / "out" / name), expected(job, number))
+
+
+def test_damaged_shards_are_reported(tmp_path):
+    write_archive(tmp_path, 1)
+    for name in ("a.tar", "b.zip"):
+        (tmp_path / name).write_bytes(b"no archive" * 100)
+        with pytest.raises(OmnimirrorError, match="must be an uncompressed tar file or a zip file"):
+            om.batch.plan(job_of(tmp_path, f'shards = ["{name}"]'))
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_tables_as_inputs(tmp_path, kind):
+    paths = write_archive(tmp_path, 3)
+    columns = {
+        "path": [f"raw/{path.name}" for path in paths],
+        "camera": ["a", "b", "a"],
+        "time": [f"2024-06-0{n}T12:00:00+00:00" for n in (1, 2, 3)],
+    }
+    if kind == "parquet":
+        pq.write_table(pa.table(columns), tmp_path / "t.parquet")
+    else:
+        rows = [columns, *zip(*columns.values(), strict=True)]
+        (tmp_path / "t.csv").write_text("".join(",".join(row) + "\n" for row in rows))
+    plan = om.batch.plan(job_of(tmp_path, f'table = "t.{kind}"'))
+    assert [item.source.camera for item in plan.items] == ["a", "b", "a"]
+    assert np.diff([item.source.time for item in plan.items]).tolist() == [86400.0] * 2
+
+
+@pytest.mark.parametrize("chunk", [1, 4])
+def test_arrays_as_inputs(tmp_path, chunk):
+    write_archive(tmp_path, 0)
+    images = np.stack([image(number) for number in range(6)])
+    zarr.create_array(tmp_path / "frames.zarr", data=images, chunks=(chunk, *images.shape[1:]))
+    job = job_of(tmp_path, 'arrays = ["frames.zarr"]', 'name = "{stem}-{view}"\nformat = ".bmp"')
+    assert om.batch.run(job, scheduler="threads").done == 12
+    for number in range(6):
+        found = om.read_image(tmp_path / "out" / f"{number}-north.bmp")
+        np.testing.assert_array_equal(found, expected(job, number))
+
+
+def test_webdataset_outputs(tmp_path):
+    paths = write_archive(tmp_path, 7)
+    paths[3].write_bytes(b"broken")
+    job = job_of(tmp_path, output='kind = "webdataset"\nper_shard = 3')
+    result = om.batch.run(job, scheduler="threads")
+    assert (result.done, result.failed) == (12, 2)
+    shards = sorted((tmp_path / "out").glob("*.tar"))
+    assert [path.name[:13] for path in shards] == [f"camera-00000{n}" for n in range(3)]
+    keys = []
+    for path in shards:
+        with tarfile.open(path) as tar:
+            for member in tar:
+                key, _, suffix = member.name.partition(".")
+                data = tar.extractfile(member).read()
+                if suffix == "json":
+                    keys.append(key)
+                    assert json.loads(data)["input"].endswith(f"{key}.png")
+                else:
+                    assert suffix in ("north.png", "around.png")
+    assert keys == [f"{n:04d}" for n in range(7) if n != 3]
+    before = contents(tmp_path / "out")
+    om.batch.run(job_of(tmp_path, output='kind = "webdataset"\nper_shard = 3\nurl = "again"'))
+    assert contents(tmp_path / "again") == before
+
+
+def test_new_inputs_replace_the_last_shard_only(tmp_path):
+    write_archive(tmp_path, 5)
+    job = job_of(tmp_path, output='kind = "webdataset"\nper_shard = 3')
+    om.batch.run(job, scheduler="threads")
+    before = contents(tmp_path / "out")
+    om.write_image(tmp_path / "raw" / "0005.png", image(5))
+    assert om.batch.run(job, scheduler="threads").done == 12
+    after = contents(tmp_path / "out")
+    assert len(after) == 2
+    assert sorted(before)[0] in after
+    assert sorted(before)[1] not in after
+
+
+def test_zarr_outputs_open_with_xarray(tmp_path):
+    paths = write_archive(tmp_path, 7, "raw/20240601_12{:02d}00.png")
+    paths[2].write_bytes(b"broken")
+    output = 'kind = "zarr"\nchunk = 3'
+    job = job_of(tmp_path, 'files = ["raw"]\ntime = "%Y%m%d_%H%M%S"', output)
+    for part in ((2, 2), (1, 2)):
+        om.batch.run(job, scheduler="threads", part=part)
+    with xarray.open_zarr(tmp_path / "out" / "images.zarr", consolidated=False) as data:
+        assert dict(data.north.sizes) == {
+            "time": 7,
+            "north_y": 16,
+            "north_x": 24,
+            "channel": 3,
+        }
+        assert data.north.chunks[0] == (3, 3, 1)
+        assert str(data.time.values[1])[:19] == "2024-06-01T12:01:00"
+        assert data.valid.values.tolist() == [number != 2 for number in range(7)]
+        for number in (0, 1, 3, 6):
+            frame = data.north.isel(time=number).values
+            np.testing.assert_array_equal(frame, expected(job, number))
+        noon = data.around.sel(time="2024-06-01T12:03:00")
+        np.testing.assert_array_equal(noon.values, expected(job, 3, "around"))
+    # a later image extends the arrays; only its chunk is written
+    om.write_image(tmp_path / "raw" / "20240601_120700.png", image(7))
+    numbers = []
+    original = BatchBlock.run
+
+    def counted(self):
+        numbers.append(self.start)
+        return original(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BatchBlock, "run", counted)
+        om.batch.run(job, scheduler="threads")
+    assert numbers == [6]
+    array = zarr.open_array(tmp_path / "out" / "images.zarr" / "north", mode="r")
+    np.testing.assert_array_equal(array[7], expected(job, 7))
+
+
+def test_zarr_outputs_have_a_group_per_camera(tmp_path):
+    write_archive(tmp_path, 4, "raw/cam-{:d}/a.png")
+    inputs = 'files = ["raw"]\ncamera = "cam-(\\\\d)"'
+    om.batch.run(job_of(tmp_path, inputs, 'kind = "zarr"'), scheduler="threads")
+    group = zarr.open_group(tmp_path / "out" / "images.zarr", mode="r")
+    assert sorted(group.group_keys()) == ["0", "1", "2", "3"]
+    assert group["2/north"].shape == (1, 16, 24, 3)
+
+
+def test_zarr_outputs_of_another_size_are_rejected(tmp_path):
+    write_archive(tmp_path, 2)
+    om.batch.run(job_of(tmp_path, output='kind = "zarr"'), scheduler="threads")
+    wider = job_of(tmp_path, output='kind = "zarr"', more=SENSOR + VIEWS.replace("24", "26"))
+    with pytest.raises(OmnimirrorError, match="contains images of 24 x 16 px"):
+        om.batch.run(wider, scheduler="threads")
+
+
+def write_video(path, count=50):
+    """Write a video with a key frame per second."""
+    with av.open(path, "w") as container:
+        stream = container.add_stream(
+            "libx264", 10, options={"x264-params": "keyint=10:scenecut=0"}
+        )
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in range(count):
+            frame = av.VideoFrame.from_ndarray(image(number // 10), "rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def test_videos_are_split_at_key_frames(tmp_path):
+    write_archive(tmp_path, 0)
+    write_video(tmp_path / "a.mp4")
+    starts = key_frame_times(str(tmp_path / "a.mp4"), 2.0)
+    assert starts == pytest.approx([0.0, 2.0, 4.0], abs=0.02)
+    output = 'kind = "video"\nformat = ".mp4"\nname = "{stem}-{view}"'
+    job = job_of(tmp_path, 'videos = ["*.mp4"]\nsegment_s = 2.0', output)
+    assert om.batch.run(job, scheduler="threads").done == 6
+    found = sorted((tmp_path / "out").glob("*north.mp4"))
+    frames = [sum(1 for _ in VideoReader(path).frames()) for path in found]
+    assert frames == [20, 20, 10]
+    whole = om.dewarp_video(
+        tmp_path / "a.mp4", tmp_path / "whole.mp4", camera=CAMERA, view=job.views["north"]
+    )
+    assert whole.outcome.frames == sum(frames)
+
+
+def test_videos_of_images(tmp_path):
+    paths = write_archive(tmp_path, 7)
+    paths[5].write_bytes(b"broken")
+    output = 'kind = "video"\nformat = ".mp4"\nper_shard = 4\nframe_rate = 5.0'
+    job = job_of(tmp_path, output=output, more=SENSOR + "[view.a]\nsize = [32, 16]\n")
+    result = om.batch.run(job, scheduler="threads")
+    assert (result.done, result.failed) == (6, 1)
+    found = sorted((tmp_path / "out").glob("*.mp4"))
+    assert [sum(1 for _ in VideoReader(path).frames()) for path in found] == [4, 2]
+    assert VideoReader(found[0]).frame_rate == 5
+
+
+RENDER = """
+[[sensor]]
+file = "camera.toml"
+[render]
+path = "walk.csv"
+texel_mm = 40.0
+frame_rate = 10.0
+samples = 1
+"""
+
+
+def test_rendering_in_two_parts(tmp_path):
+    write_archive(tmp_path, 0)
+    (tmp_path / "walk.csv").write_text("time_s,x_mm\n0,0\n0.5,300\n")
+    output = 'kind = "webdataset"\nper_shard = 2'
+    job = job_of(tmp_path, "", output, RENDER)
+    assert [om.batch.run(job, scheduler="threads", part=(i, 2)).done for i in (1, 2)] == [4, 6]
+    shards = sorted((tmp_path / "out").glob("*.tar"))
+    dataset = om.write_training_dataset(
+        CAMERA,
+        om.Room(texel_mm=40.0),
+        path=om.load_path(tmp_path / "walk.csv"),
+        folder=tmp_path / "set",
+        frame_rate=10.0,
+        samples=1,
+        per_shard=2,
+    )
+    for path, other in zip(shards, dataset, strict=True):
+        with tarfile.open(path) as one, tarfile.open(other) as two:
+            for a, b in zip(one, two, strict=True):
+                assert a.name.endswith(b.name)
+                assert one.extractfile(a).read() == two.extractfile(b).read()
