@@ -43,7 +43,7 @@ CAMERA = om.MirrorBall(
     field_deg=270.0,
     image_size=(SIDE, SIDE),
 )
-BITS, CELL = 12, 16  # of the frame number, in squares of CELL pixels
+BITS, CELL = 12, 16  # code of the frame number, in squares of CELL pixels
 FORMATS = {"HTTP": "mpegts", "UDP": "mpegts", "RTSP": "rtsp"}
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/rim.py --environments ../shared/data/environments --learn 260 --jobs 2
 
-writes ``committee.json`` next to the detection. Each image contributes the feature vectors of its candidates and a
+writes ``rim_classifier.json`` next to the detection. Each image contributes the feature vectors of its candidates and a
 label for each: whether the candidate, refined in the full image, is within 1 % of the outline. The members of the
 ensemble differ in their initial values and in the 20 % of the images that each omits. The calibration of their
 probabilities maximises the likelihood of images with other seeds.
@@ -98,7 +98,7 @@ def learned(ways: dict[str, Any], folder: Path | None, seeds: Sequence[int], job
     return as_json(with_trust(examples), told)
 
 
-def as_json(committee: RimClassifier, told: str) -> str:
+def as_json(classifier: RimClassifier, told: str) -> str:
     """Serialise a classifier with four digits."""
 
     def short(values: Array) -> Any:
@@ -106,14 +106,14 @@ def as_json(committee: RimClassifier, told: str) -> str:
 
     members = [
         {name: short(np.asarray(values)) for name, values in vars(one).items()}
-        for one in committee.members
+        for one in classifier.members
     ]
     lines = [
         f'"made": {json.dumps(told)}',
-        f'"trust": {committee.trust:.4g}',
-        f'"first_share": {committee.first_share:.4g}',
-        f'"middle": {json.dumps(short(committee.middle))}',
-        f'"spread": {json.dumps(short(committee.spread))}',
+        f'"trust": {classifier.trust:.4g}',
+        f'"first_share": {classifier.first_share:.4g}',
+        f'"middle": {json.dumps(short(classifier.middle))}',
+        f'"spread": {json.dumps(short(classifier.spread))}',
         '"members": [\n' + ",\n".join(json.dumps(one) for one in members) + "\n]",
     ]
     return "{\n" + ",\n".join(lines) + "\n}\n"

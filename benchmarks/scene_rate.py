@@ -69,7 +69,7 @@ def rays_of(samples: int, blur: bool) -> tuple[np.ndarray, np.ndarray]:
         slice(0, TRACED),
         slice(0, TRACED),
     )
-    seeing = bundle.fate == REFLECTED
+    seeing = bundle.outcome == REFLECTED
     return bundle.origins[seeing], bundle.directions[seeing]
 
 

@@ -263,7 +263,7 @@ def test_walk_uses_documented_modules(name, tmp_path, monkeypatch):
     for module in files:
         import_module(f"omnimirror.{module}")
     INPUTS.get(name, lambda: None)()
-    WAYS[name]()  # as a preceding test may do
+    WAYS[name]()  # a preceding test may do this
     order = entered(WAYS[name])
     assert led(order, files) == files
     assert len(modules_of(order)) <= counts()[name]

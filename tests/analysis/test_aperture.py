@@ -156,7 +156,7 @@ def test_the_open_share_of_an_aperture_is_that_of_its_area(rings, place):
         (away - abs(place), 1 - place**2),
         (np.where(away <= 1, place**2 - away**2, np.inf), place**2),
     ]:
-        assert ray_bundles.open_share(disk, [edge], edge >= 0) == pytest.approx(
+        assert ray_bundles.unvignetted_fraction(disk, [edge], edge >= 0) == pytest.approx(
             truth, abs=0.45 / rings**2
         )
 

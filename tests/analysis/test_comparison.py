@@ -146,7 +146,7 @@ def test_best_values_marked(table):
         True,
         True,
         False,
-    ]  # displayed as 135.0, and one as 105.0
+    ]  # three are displayed as 135.0, one as 105.0
     assert table["length_mm"].best == [
         False,
         False,
@@ -281,7 +281,7 @@ def test_rod_obscuration_angle_and_fraction():
         np.meshgrid(np.arange(0, 1024, 2.0), np.arange(0, 1024, 2.0)), axis=-1
     ).reshape(-1, 2)
     seen = rod.backproject(pixels)
-    hidden = np.logical_or.reduce(list(rod.hidden_by(pixels).values()))
+    hidden = np.logical_or.reduce(list(rod.obscured_by(pixels).values()))
     angles = np.degrees(np.arccos(np.clip(-(seen.directions @ rod._axes)[:, 2], -1, 1)))
     covered = hidden & ~np.isnan(angles)
     assert table["obscured_percent"].values[1] == pytest.approx(
@@ -307,7 +307,7 @@ def test_misaligned_obscuration_matches_pixels():
     pixels = np.stack(
         np.meshgrid(np.arange(0, 1024, 4.0), np.arange(0, 1024, 4.0)), axis=-1
     ).reshape(-1, 2)
-    hidden = built.hidden_by(pixels)["camera"]
+    hidden = built.obscured_by(pixels)["camera"]
     seen = built.backproject(pixels).valid
     assert percent == pytest.approx(100 * hidden.sum() / (hidden | seen).sum(), rel=0.02)
 

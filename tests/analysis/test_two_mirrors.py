@@ -180,7 +180,7 @@ def test_pixel_rays_match_traced_rays(kind, looks):
     assert valid.all()
     second = sensor.secondary
     to_secondary = sensor.mirror_distance_mm - second.distance_mm
-    vertex = np.array([0.0, 0.0, to_secondary - second.distance_mm])  # of the primary
+    vertex = np.array([0.0, 0.0, to_secondary - second.distance_mm])  # vertex of the primary
     for pixel, origin, direction in zip(pixels, origins, directions, strict=True):
         on_imager = (pixel - sensor.imager.centre) * sensor.imager.pitch_mm
         ray = np.array([*on_imager, sensor.lens.image_distance])

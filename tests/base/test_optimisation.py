@@ -12,7 +12,7 @@ from omnimirror.base.optimisation import (
     LinearisedValues,
     ObjectiveValues,
     _minimise_bracket,
-    _price,
+    _penalised,
     _trust_region_step,
     minimise_brackets,
     minimise_mean,
@@ -122,13 +122,13 @@ def test_price_adds_100_times_the_violation(is_spread):
     objective = np.array([1.0, 5.0, 2.0])
     value = 2.0 if is_spread else 5.0
     for constraints, violation in (([], 0.0), ([-3.0, -1.0], 0.0), ([-3.0, 0.25, 0.125], 0.25)):
-        found = _price(ObjectiveValues(objective, np.array(constraints)), is_spread)
+        found = _penalised(ObjectiveValues(objective, np.array(constraints)), is_spread)
         assert found == (value, violation, value + 100 * violation)
     for bad in (
         ObjectiveValues(objective, np.full(2, np.nan)),
         ObjectiveValues(objective * np.inf, np.zeros(2)),
     ):
-        assert _price(bad, is_spread) == (np.inf,) * 3
+        assert _penalised(bad, is_spread) == (np.inf,) * 3
 
 
 def test_spread_has_free_level():
@@ -254,7 +254,7 @@ def test_steps_to_non_finite_values_are_rejected():
 
     found = solve_minimax(values, rows, np.ones(1), bounds(1))
     assert 2 - 1e-6 < found.y[0] < 2
-    assert 2 - found.y[0] > 1e-10  # of steps down to 1e-9
+    assert 2 - found.y[0] > 1e-10  # for steps down to 1e-9
     assert len(found.history) < 30
     assert found.value == pytest.approx(-np.log(2), abs=1e-6)
 

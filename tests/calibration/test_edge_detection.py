@@ -21,4 +21,4 @@ def test_strong_pattern_does_not_suppress_faint_circle():
         np.degrees(np.arctan2(edges.points[on_rim, 1] - 180.0, edges.points[on_rim, 0] - 330.0))
         % 360
     )
-    assert len(np.unique(turn // 5)) > 65  # of 72
+    assert len(np.unique(turn // 5)) > 65  # of 72 directions

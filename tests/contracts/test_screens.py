@@ -277,7 +277,7 @@ def test_points_are_projected_along_shortest_path(name, looks):
     sensor = sensor_with(looks, -90.0)
     pixels = source_pixels(sensor, screen, exact=True)
     v, u = np.nonzero(~np.isnan(pixels[..., 0]))
-    assert len(u) or looks == "down"  # which does not see the ground
+    assert len(u) or looks == "down"  # the ground is outside its field
     for i in np.random.default_rng(3).permutation(len(u))[:3]:
         expected = shortest_path_pixel(np.asarray(target(u[i], v[i])), IMAGE_TOP_IS_FORWARD[looks])
         np.testing.assert_allclose(pixels[v[i], u[i]], expected, atol=5e-3)

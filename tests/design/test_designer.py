@@ -12,7 +12,7 @@ from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.design import parse_requirements
 from omnimirror.design._parameter_search import RangeSearch, ranges_of
 from omnimirror.design.designer import design_sensor
-from omnimirror.design.evaluated_field import counted_field
+from omnimirror.design.evaluated_field import evaluable_field
 from omnimirror.optics.housing import CameraBody, Housing, Tube
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from tests.design.answers import best, row
@@ -150,7 +150,9 @@ def test_single_relaxation_is_sufficient_and_minimal(limited):
 def test_joint_relaxation_is_sufficient(limited):
     wanted = limited.requirements
     assert (
-        0 < limited.conflict.joint_share < max(r.share for r in limited.conflict.alone if r.share)
+        0
+        < limited.conflict.joint_change
+        < max(r.relative_change for r in limited.conflict.alone if r.relative_change)
     )
     numbers, limits = ranges_of(wanted), list(wanted.limits)
     for relaxation in limited.conflict.joint:
@@ -222,7 +224,7 @@ def test_field_that_begins_outside_obscuration():
 
 def test_obscuration_by_camera_agrees_with_real_rays():
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
-    angle = counted_field(om.FieldRequirements(omega_max_deg=130), sensor).hidden_deg
+    angle = evaluable_field(om.FieldRequirements(omega_max_deg=130), sensor).obscured_to_deg
     for omega, clears in ((angle - 0.05, False), (angle + 0.05, True)):
         rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega])))
         fall = (rays.z[0] + sensor.mirror_distance_mm) / np.cos(rays.omega[0])

@@ -405,8 +405,8 @@ def test_insufficient_single_relaxations_contribute_jointly():
     conflict = conflict_in(WALL)
     assert not [r for r in conflict.alone if r.needed is not None]
     assert conflict.joint
-    assert conflict.joint_share < 0.3
-    assert max(r.share for r in conflict.joint) < conflict.joint_share + 0.01
+    assert conflict.joint_change < 0.3
+    assert max(r.relative_change for r in conflict.joint) < conflict.joint_change + 0.01
 
 
 def test_relaxed_field_keeps_range_of_limits():

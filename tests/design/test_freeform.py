@@ -136,23 +136,29 @@ def test_single_relaxation_is_sufficient_and_minimal(missed):
     helpful = [r for r in missed.conflict.alone if r.needed not in (None, r.requested)]
     assert len(helpful) >= 3
     for r in helpful:
-        for share, keeps in ((1.01, True), (0.97, False)):
+        for relative_change, keeps in ((1.01, True), (0.97, False)):
             changed = with_change(
-                missed.requirements, r.name, r.requested + share * (r.needed - r.requested)
+                missed.requirements,
+                r.name,
+                r.requested + relative_change * (r.needed - r.requested),
             )
-            assert keeps_all(changed) == keeps, (r, share)
+            assert keeps_all(changed) == keeps, (r, relative_change)
 
 
 def test_joint_relaxation_is_sufficient(missed):
     conflict = missed.conflict
-    assert 0 < conflict.joint_share < min(r.share for r in conflict.alone if r.needed is not None)
+    assert (
+        0
+        < conflict.joint_change
+        < min(r.relative_change for r in conflict.alone if r.needed is not None)
+    )
     changed = missed.requirements
     for r in conflict.joint:
         changed = with_change(changed, r.name, r.requested + 1.01 * (r.needed - r.requested))
     assert keeps_all(changed)
 
 
-@pytest.mark.full  # as for mirrors without optimisation, each of which runs daily
+@pytest.mark.full  # mirrors without optimisation are tested in every run
 def test_joint_relaxation_is_minimal(missed):
     """Each one reset to the original, with the others relaxed, violates a requirement."""
     joint = missed.conflict.joint
@@ -246,10 +252,10 @@ def test_every_quantity_may_be_limited_on_either_side(quantity):
     for largest in (True, False):
         value, _ = Limit(quantity, at_most=1.0, **frequency).of.extreme(field, largest)
         side = "at_most" if largest else "at_least"
-        for share, is_missed in ((1.001, not largest), (0.999, largest)):
+        for relative_change, is_missed in ((1.001, not largest), (0.999, largest)):
             if value == 0 or np.isinf(value) or (value < 1e-3 and not largest):
                 continue
-            excess = Limit(quantity, **{side: value * share}, **frequency).excess(field)
+            excess = Limit(quantity, **{side: value * relative_change}, **frequency).excess(field)
             assert (excess.max() > 0) == is_missed
             assert excess.max() == pytest.approx(0.001 if is_missed else -0.001, rel=0.01)
 

@@ -40,7 +40,7 @@ def test_obscured_fraction_agrees_with_rays_of_pixels(name):
     u, v = np.meshgrid(side, side)
     within = np.hypot(u, v) < sensor.rim_radius_px * (1 - 1e-9)
     pixels = np.stack([u[within], v[within]], axis=-1) + sensor.imager.centre
-    hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
+    hidden = np.any([*sensor.obscured_by(pixels).values()], axis=0)
     limit = om.Limit("obscured_percent", at_most=50.0)
     (row,) = om.check_requirements(asked(limit, rim=43.9), sensor).limits
     assert row.reached == pytest.approx(100 * hidden.mean(), abs=0.15)
@@ -53,7 +53,7 @@ def test_central_obscuration_agrees_with_rays():
     sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS["camera"])
     h = om.evaluate(sensor, [sensor.obscured_to_deg - 0.01, sensor.obscured_to_deg + 0.01]).h_px
     pixels = np.array(sensor.imager.centre) + np.array([[h[0], 0.0], [0.0, h[1]]])
-    assert sensor.hidden_by(pixels)["camera"].tolist() == [True, False]
+    assert sensor.obscured_by(pixels)["camera"].tolist() == [True, False]
     bare = om.load_sensor("paper-spherical")
     assert (bare.obscured_to_deg, bare.obscured_percent) == (0.0, 0)
 

@@ -405,8 +405,8 @@ def test_worst_violation_of_missed_rows_only():
     ],
 )
 def test_start_of_the_field_is_the_end_of_obscurations(asked, low, hidden, reached, monkeypatch):
-    counted = SimpleNamespace(hidden_deg=hidden, hidden_from_deg=128.0)
-    monkeypatch.setattr(requirement_check, "counted_field", lambda field, sensor: counted)
+    counted = SimpleNamespace(obscured_to_deg=hidden, obscured_from_deg=128.0)
+    monkeypatch.setattr(requirement_check, "evaluable_field", lambda field, sensor: counted)
     field = om.FieldRequirements(omega_max_deg=130.0, omega_min_deg=asked)
     end, *start = requirement_check._field_rows(
         SimpleNamespace(field=field), SimpleNamespace(field_deg=(low, 135.0))

@@ -304,7 +304,7 @@ def test_view_outside_field_raises(view, message):
 
 # -- border value ---------------------------------------------------------------------------------
 
-ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # of which nothing is visible above 45 deg
+ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # nothing of it is visible above 45 deg
 
 
 @pytest.mark.parametrize(

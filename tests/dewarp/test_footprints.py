@@ -249,7 +249,9 @@ def test_subpixel_stripes_become_grey(sampler):
     for interpolation in ("auto", "area"):
         averaged = remap_at(stripes, places, interpolation)
         assert abs(averaged.mean() - 100) < 1
-        assert averaged.astype(float).std() < 10  # a mean over 4.3 px of stripes of 4 px leaves 6
+        assert (
+            averaged.astype(float).std() < 10
+        )  # the mean of 4 px stripes over 4.3 px has a contrast of 6
     assert remap_at(stripes, places, "cubic").astype(float).std() > 60
 
 

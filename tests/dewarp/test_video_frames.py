@@ -150,7 +150,7 @@ def test_chroma_and_alpha_align_with_luma(colours, to_siting):
     middle = (slice(40, 90), slice(20, 45))
     error = u[middle] - expected[middle]
     assert np.abs(error).mean() < 40
-    assert abs(error.mean()) < 12  # of 2000: no subpixel shift
+    assert abs(error.mean()) < 12  # of 2000 values: no subpixel shift
 
 
 def test_colour_border_is_opaque():

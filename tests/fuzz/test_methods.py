@@ -91,7 +91,7 @@ USUAL: dict[str, Any] = {  # by argument name
     "omega_max_deg": 80.0,
     "theta_max_deg": 10.0,
     "mirror_distance_mm": 90.0,
-    "share": 0.5,
+    "fraction": 0.5,
     "rim_radius_mm": 20.0,
     "L": [100.0],
     "coordinate": [0.01],

@@ -38,8 +38,8 @@ def theirs(path, mode="RGB", profile=PROFILE):
     if (
         path.suffix == ".tif"
     ):  # Pillow writes no exposure to TIFF, and reads the written one (see below)
-        image, carried = read_image_and_metadata(theirs(path.with_suffix(".png")))
-        om.write_image(path, image, carried=carried)
+        image, metadata = read_image_and_metadata(theirs(path.with_suffix(".png")))
+        om.write_image(path, image, metadata=metadata)
         return path
     Image.new(mode, (64, 64), 128 if mode == "L" else (200, 100, 50)).save(
         path, exif=notes(), icc_profile=profile
@@ -85,17 +85,17 @@ def test_exif_in_big_endian_order(tmp_path):
     exif = notes()
     exif.endian = ">"
     Image.new("RGB", (64, 64)).save(tmp_path / "in.png", exif=exif, icc_profile=PROFILE)
-    image, carried = read_image_and_metadata(tmp_path / "in.png")
-    om.write_image(tmp_path / "out.jpg", image, carried=carried)
+    image, metadata = read_image_and_metadata(tmp_path / "in.png")
+    om.write_image(tmp_path / "out.jpg", image, metadata=metadata)
     assert_what_holds(tmp_path / "out.jpg")
 
 
 def test_long_jpeg_profile_is_split_into_segments(tmp_path):
     long = PROFILE + np.random.default_rng(1).bytes(150_000)
     theirs(tmp_path / "in.jpg", profile=long)
-    image, carried = read_image_and_metadata(tmp_path / "in.jpg")
-    assert carried.profile == long
-    om.write_image(tmp_path / "out.jpg", image, carried=carried)
+    image, metadata = read_image_and_metadata(tmp_path / "in.jpg")
+    assert metadata.profile == long
+    om.write_image(tmp_path / "out.jpg", image, metadata=metadata)
     with Image.open(tmp_path / "out.jpg") as picture:
         assert picture.info["icc_profile"] == long
 
@@ -110,9 +110,9 @@ def test_unsupported_metadata_is_reported(tmp_path, capsys):
     theirs(tmp_path / "b.png", "L")  # grey, with a colour profile
     main(["dewarp", str(tmp_path / "b.png"), *BALL, "-o", str(tmp_path / "b.jpg")])
     assert "without the colour profile, whose colour space is RGB" in capsys.readouterr().out
-    image, carried = read_image_and_metadata(tmp_path / "a.png")
+    image, metadata = read_image_and_metadata(tmp_path / "a.png")
     with pytest.raises(om.base.errors.MediaError, match="a colour profile or EXIF requires"):
-        om.write_image(tmp_path / "c.bmp", image, carried=carried)
+        om.write_image(tmp_path / "c.bmp", image, metadata=metadata)
 
 
 def test_damaged_exif_is_ignored(tmp_path):
@@ -130,6 +130,6 @@ def test_damaged_exif_is_ignored(tmp_path):
         for _ in range(300):
             broken = bytearray(data[: rng.integers(1, len(data) + 1)])
             broken[rng.integers(0, len(broken))] = rng.integers(0, 256)
-            carried = read_metadata(bytes(broken))
-            assert carried.exif is None or len(carried.exif.block()) < 10 * len(data)
+            metadata = read_metadata(bytes(broken))
+            assert metadata.exif is None or len(metadata.exif.block()) < 10 * len(data)
     assert read_metadata(b"II*\0" + struct.pack("<I", 8) + b"\xff\xff") == ImageMetadata()

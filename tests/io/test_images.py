@@ -636,9 +636,9 @@ def test_panorama_and_metadata_require_a_format_and_size(tmp_path):
             om.write_image(tmp_path / "a.png", picture(size=size), panorama=panorama)
     with pytest.raises(MediaError, match="panorama metadata requires"):
         om.write_image(tmp_path / "a.bmp", picture(size=(20, 40)), panorama=panorama)
-    carried = images.ImageMetadata(profile=b"profile")
+    metadata = images.ImageMetadata(profile=b"profile")
     with pytest.raises(MediaError, match="a colour profile or EXIF requires"):
-        om.write_image(tmp_path / "a.bmp", picture(), carried=carried)
+        om.write_image(tmp_path / "a.bmp", picture(), metadata=metadata)
     assert not list(tmp_path.iterdir())
     for channels in (1, 3):
         image = picture("uint8", channels, (20, 40))

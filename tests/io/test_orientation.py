@@ -44,11 +44,11 @@ def by_pillow(path: Path) -> np.ndarray:
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_orientation_equals_pillow_and_opencv(tmp_path, orientation, suffix):
     path = tagged(tmp_path / f"a{suffix}", FIELD, orientation)
-    image, carried = read_image_and_metadata(path)
+    image, metadata = read_image_and_metadata(path)
     shown = by_pillow(path)
     assert image.shape == shown.shape
     assert np.abs(image.astype(int) - shown).max() <= 2
-    assert carried.orientation == orientation
+    assert metadata.orientation == orientation
     if suffix != ".avif":  # whose rotation OpenCV ignores
         theirs = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)[
             ..., ::-1
@@ -87,9 +87,9 @@ def test_invalid_orientations_are_ignored(tmp_path, value):
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".tif"])
 def test_written_images_have_no_orientation(tmp_path, suffix):
-    image, carried = read_image_and_metadata(tagged(tmp_path / "a.jpg", FIELD, 6))
+    image, metadata = read_image_and_metadata(tagged(tmp_path / "a.jpg", FIELD, 6))
     om.write_image(
-        tmp_path / f"b{suffix}", image, carried=carried.that_fits(f"b{suffix}", image)[0]
+        tmp_path / f"b{suffix}", image, metadata=metadata.supported_by(f"b{suffix}", image)[0]
     )
     with Image.open(tmp_path / f"b{suffix}") as written:
         assert written.size == (48, 72)

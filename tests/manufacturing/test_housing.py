@@ -12,7 +12,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.manufacturing import Body, image_shifts
 from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.manufacturing.drawings.sensor_view import Assembly, shell_end_mm
-from omnimirror.manufacturing.drawings.tables import hidden_rows
+from omnimirror.manufacturing.drawings.tables import obscuration_rows
 from omnimirror.optics.housing import CameraBody, Dome, FlatWindow, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Perspective
@@ -191,7 +191,7 @@ def test_sheet_states_shift_and_transmission():
     material.
     """
     sensor = drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
-    *_, (word, shift, passed) = hidden_rows(sensor)
+    *_, (word, shift, passed) = obscuration_rows(sensor)
     i = np.radians(45.0)
     t = np.arcsin(np.sin(i) / 1.5855)
     assert word == "tube at Ω = 135°"
@@ -285,7 +285,7 @@ def test_sphere_tilt_is_equivalent_to_decentre():
 
 def test_form_shift_is_slope_times_slope_sensitivity():
     errors = found(SPH)
-    slope_mrad = np.pi / SPH.mirror.rim_radius_mm  # of a bump of 1 um
+    slope_mrad = np.pi / SPH.mirror.rim_radius_mm  # slope of a bump of 1 um
     assert errors["surface form"].px_per_unit == pytest.approx(
         slope_mrad * errors["surface slope"].px_per_unit, rel=0.1
     )

@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.design.evaluated_field import counted_field
+from omnimirror.design.evaluated_field import evaluable_field
 from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.optics.housing import (
     CameraBody,
@@ -271,8 +271,8 @@ def test_obscured_angles_consistent(sensor):
     assert (low, high) != sensor.field_deg
     assert with_housing(parts_of(sensor)).clear_field_deg == pytest.approx((low, high), abs=1e-9)
     assert om.evaluate(sensor, [90.0]).summary()["clear_field_deg"] == [low, high]
-    counted = counted_field(om.FieldRequirements(omega_max_deg=100.0), sensor)
-    assert (counted.hidden_deg, counted.hidden_from_deg) == (low, high)
+    counted = evaluable_field(om.FieldRequirements(omega_max_deg=100.0), sensor)
+    assert (counted.obscured_to_deg, counted.obscured_from_deg) == (low, high)
 
 
 def magnified(sensor, omega_deg):
@@ -315,7 +315,7 @@ def test_misaligned_image_dark_at_obscured_pixels(name):
     pixels = (
         np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2).astype(float)
     )
-    hidden = np.any([*sensor.hidden_by(pixels).values()], axis=0)
+    hidden = np.any([*sensor.obscured_by(pixels).values()], axis=0)
     np.testing.assert_array_equal(trace_pixels(sensor, pixels).hidden, hidden)
     light = expose(
         sensor,

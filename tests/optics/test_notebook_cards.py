@@ -90,7 +90,7 @@ def test_cross_section_is_to_scale_and_upright():
         SPHERE.mirror_distance_mm, rel=0.01
     )
     assert (down[1][:, 1] < down[0][:, 1].min()).all()  # the lens above
-    assert (level[1][:, 0] < level[0][:, 0].min()).all()  # and to the left
+    assert (level[1][:, 0] < level[0][:, 0].min()).all()  # upwards and to the left
     folded = paths_of(SENSORS["folded-hyperboloidal"]._repr_html_())
     assert (
         folded[0].mean(axis=0)[1] < folded[1].mean(axis=0)[1]

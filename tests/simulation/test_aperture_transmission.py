@@ -70,7 +70,7 @@ def rendered(sensor, plan, rows, columns, tracer):
     """Return the fraction of rays transmitted to pixels, from an image of a white world with black
     parts."""
     bundle = tracer(sensor, plan, Radiometry(), rows, columns)
-    passes = (bundle.fate == rendering.REFLECTED).ravel()
+    passes = (bundle.outcome == rendering.REFLECTED).ravel()
     if (shell := sensor.obstructions.housing.shell) is not None:  # lids are part of the scene
         turn = sensor.mount.rotation()
         rays = (

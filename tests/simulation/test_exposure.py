@@ -66,11 +66,11 @@ def test_compiled_rays_match_double_precision(name, pose, flipped):
         rays._trace_natively(sensor, plan, DIM, *part),
         rays._trace_sensor(sensor, plan, DIM, *part),
     )
-    assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.fate))
-    assert np.mean(fast.fate != slow.fate) < 1e-4  # rays that graze an edge
-    seen = (fast.fate == slow.fate) & (slow.fate != rays.HIDDEN)
+    assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.outcome))
+    assert np.mean(fast.outcome != slow.outcome) < 1e-4  # rays that graze an edge
+    seen = (fast.outcome == slow.outcome) & (slow.outcome != rays.HIDDEN)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-6)
-    hidden = (fast.fate == slow.fate) & (slow.fate == rays.HIDDEN)
+    hidden = (fast.outcome == slow.outcome) & (slow.outcome == rays.HIDDEN)
     assert (
         np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3
     )  # rays that graze a ring
@@ -226,7 +226,7 @@ def test_metal_reflectance_matches_fresnel(metal, pose):
         rays._trace_natively(sensor, plan, dim, *part),
         rays._trace_sensor(sensor, plan, dim, *part),
     )
-    seen = (fast.fate == rays.REFLECTED) & (slow.fate == rays.REFLECTED)
+    seen = (fast.outcome == rays.REFLECTED) & (slow.outcome == rays.REFLECTED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=5e-5)
     assert np.ptp(slow.weight[seen]) > 5e-3
 

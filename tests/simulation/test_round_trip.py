@@ -17,5 +17,5 @@ def test_round_trip_matches_eq_23():
     np.testing.assert_allclose(found.single_px, found.predicted_px, atol=0.2)
     assert np.abs(found.exact_px).max() < 0.15
     assert found.exact_db > found.single_db + 8
-    assert found.finer_db > found.exact_db + 2  # the residual is sampling
+    assert found.finer_db > found.exact_db + 2  # the residual is the sampling error
     assert found.blurred_db < found.exact_db

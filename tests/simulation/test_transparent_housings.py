@@ -11,12 +11,12 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.mirrors.as_built import MirrorPose
-from omnimirror.optics.tracing.shell_transmission import passage as passage_of
 from omnimirror.optics.tracing.shell_transmission import (
     through_dome,
     through_tube,
     wall_transmission,
 )
+from omnimirror.optics.tracing.shell_transmission import transmit_from_inside as passage_of
 from omnimirror.simulation.pixel_rays import ThroughShell
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
@@ -31,9 +31,9 @@ def test_tube_shifts_meridional_rays():
     omega = np.radians([60.0, 90.0, 120.0, 135.0])
     points = np.stack([np.linspace(0, 40, 4), np.zeros(4), np.linspace(0, 10, 4)], axis=-1)
     directions = np.stack([np.sin(omega), np.zeros(4), -np.cos(omega)], axis=-1)
-    passage = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
-    np.testing.assert_allclose(passage.directions, directions, atol=1e-12)
-    shift = np.linalg.norm(np.cross(passage.points - points, directions), axis=1)
+    transmit_from_inside = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
+    np.testing.assert_allclose(transmit_from_inside.directions, directions, atol=1e-12)
+    shift = np.linalg.norm(np.cross(transmit_from_inside.points - points, directions), axis=1)
     i = np.abs(np.pi / 2 - omega)
     inside = np.arcsin(np.sin(i) / 1.49)
     np.testing.assert_allclose(shift, 3.0 / np.cos(inside) * np.sin(i - inside), atol=1e-12)
@@ -45,16 +45,21 @@ def test_tube_conserves_skew_invariants():
     chance = np.random.default_rng(2)
     points, directions = chance.uniform(-30, 30, (50, 3)), chance.normal(size=(50, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    passage = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
-    np.testing.assert_allclose(passage.directions[:, 2], directions[:, 2], atol=1e-12)
+    transmit_from_inside = through_tube(points, directions, 60.0, 3.0, 1.49, 1.0)
+    np.testing.assert_allclose(transmit_from_inside.directions[:, 2], directions[:, 2], atol=1e-12)
     moments = [
         np.cross(p, d)[:, 2]
-        for p, d in ((points, directions), (passage.points, passage.directions))
+        for p, d in (
+            (points, directions),
+            (transmit_from_inside.points, transmit_from_inside.directions),
+        )
     ]
     np.testing.assert_allclose(*moments, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(passage.directions, axis=1), 1, atol=1e-12)
-    np.testing.assert_allclose(np.hypot(*passage.points.T[:2]), 60.0)
-    np.testing.assert_allclose(np.hypot(*passage.met.T[:2]), 57.0)
+    np.testing.assert_allclose(
+        np.linalg.norm(transmit_from_inside.directions, axis=1), 1, atol=1e-12
+    )
+    np.testing.assert_allclose(np.hypot(*transmit_from_inside.points.T[:2]), 60.0)
+    np.testing.assert_allclose(np.hypot(*transmit_from_inside.met.T[:2]), 57.0)
 
 
 def test_ghost_radiance_matches_reflectance():
@@ -93,9 +98,9 @@ def test_ghosts_reflect_at_mirror_and_end_at_lids(shell):
 
 
 def test_axial_rays_and_invalid_origins():
-    passage = passage_of(Tube(120.0), np.zeros((1, 3)), UP[None])
-    np.testing.assert_array_equal(passage.directions, UP[None])
-    assert passage.passed == 1
+    transmit_from_inside = passage_of(Tube(120.0), np.zeros((1, 3)), UP[None])
+    np.testing.assert_array_equal(transmit_from_inside.directions, UP[None])
+    assert transmit_from_inside.passed == 1
     world, sensor = Environment(np.ones((4, 8, 3), np.float32)), om.load_sensor("paper-spherical")
     for shell in (Tube(120.0), Dome(120.0, centre_mm=0.0)):
         with pytest.raises(InvalidParameter, match=r"within 57 mm of the (axis|centre)"):
@@ -149,15 +154,18 @@ def some_rays(count, reach):
 def test_concentric_dome_matches_closed_form():
     a, b, n, centre = 97.0, 100.0, 1.49, np.array([0.0, 0.0, -20.0])
     points, directions = some_rays(200, 30.0)
-    passage = through_dome(points, directions, (centre, a), (centre, b), n, 1.0)
+    transmit_from_inside = through_dome(points, directions, (centre, a), (centre, b), n, 1.0)
     s, left = (
         np.linalg.norm(np.cross(p - centre, d), axis=1)
-        for p, d in ((points, directions), (passage.points, passage.directions))
+        for p, d in (
+            (points, directions),
+            (transmit_from_inside.points, transmit_from_inside.directions),
+        )
     )
     turned = np.arcsin(s / a) - np.arcsin(s / (n * a)) + np.arcsin(s / (n * b)) - np.arcsin(s / b)
     found = np.arctan2(
-        np.linalg.norm(np.cross(directions, passage.directions), axis=1),
-        np.einsum("ni,ni->n", directions, passage.directions),
+        np.linalg.norm(np.cross(directions, transmit_from_inside.directions), axis=1),
+        np.einsum("ni,ni->n", directions, transmit_from_inside.directions),
     )
     np.testing.assert_allclose(left, s, atol=1e-9)
     np.testing.assert_allclose(found, turned, atol=1e-12)
@@ -170,18 +178,18 @@ def test_dome_about_viewpoint_preserves_directions():
     rays = sensor.backproject(np.random.default_rng(1).uniform(100, 900, (200, 2)))
     turn = sensor.mount.rotation()
     origins, directions = rays.origins[rays.valid] @ turn, rays.directions[rays.valid] @ turn
-    passage = passage_of(Dome(160.0, 4.0, centre_mm=height), origins, directions)
+    transmit_from_inside = passage_of(Dome(160.0, 4.0, centre_mm=height), origins, directions)
     np.testing.assert_allclose(
-        passage.directions, directions, atol=2e-6
+        transmit_from_inside.directions, directions, atol=2e-6
     )  # to the precision of the file
-    np.testing.assert_allclose(passage.passed, wall_transmission(0.0, 1.49), atol=1e-6)
+    np.testing.assert_allclose(transmit_from_inside.passed, wall_transmission(0.0, 1.49), atol=1e-6)
 
 
 def test_eccentric_dome_matches_mitsuba(mi):  # noqa: F811
     dome = Dome(200.0, 8.0, 1.6, centre_mm=-40.0, inner_shift_mm=4.0)
     points, directions = some_rays(100, 40.0)
     points[:, 2] -= 40.0
-    passage = passage_of(dome, points, directions)
+    transmit_from_inside = passage_of(dome, points, directions)
     spheres = [
         {"type": "sphere", "radius": 92.0, "center": [0, 0, -36.0], "bsdf": glass(1.0, 1.6)},
         {"type": "sphere", "radius": 100.0, "center": [0, 0, -40.0], "bsdf": glass(1.6, 1.0)},
@@ -192,8 +200,8 @@ def test_eccentric_dome_matches_mitsuba(mi):  # noqa: F811
             hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*point), mi.Vector3f(*towards)))
             sample, _ = hit.bsdf().sample(mi.BSDFContext(), hit, 0.9999, [0.5, 0.5])
             point, towards = np.array(hit.p), np.array(hit.to_world(sample.wo))
-        np.testing.assert_allclose(passage.points[i], point, atol=1e-3)
-        np.testing.assert_allclose(passage.directions[i], towards, atol=2e-5)
+        np.testing.assert_allclose(transmit_from_inside.points[i], point, atol=1e-3)
+        np.testing.assert_allclose(transmit_from_inside.directions[i], towards, atol=2e-5)
 
 
 def glass(inside, outside):

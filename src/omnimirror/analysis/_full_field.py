@@ -216,12 +216,12 @@ class FullFieldEvaluation:
     @cached_property
     def hidden(self) -> tuple[float, float]:
         """End of the central obscuration, deg, and the obscured image area, %."""
-        standing = self.sensor.obstructions
-        if standing.housing.is_empty:
+        obstructions = self.sensor.obstructions
+        if obstructions.housing.is_empty:
             return self.field_deg[0], 0.0
         omega, phi = self._field_grid(FINE_RINGS, FINE_AZIMUTHS)
         chief = self._chief(camera_direction(omega, phi).reshape(-1, 3))
-        parts = standing.blocks(
+        parts = obstructions.blocks(
             chief.points, chief.to_targets, chief.to_pupils, self.sensor.mirror_pose
         )
         hidden = np.logical_or.reduce(list(parts.values())).reshape(omega.shape)

@@ -18,7 +18,7 @@ from .ray_bundles import Bundles, gaussian
 
 # -- Polynomial fits over the aperture -------------------------------------------------------------
 
-FITTED_RINGS = 12  # of the fitted pupil
+FITTED_RINGS = 12  # rings of the fitted pupil
 DEGREE = 10
 
 FITTED = gaussian(FITTED_RINGS)
@@ -237,7 +237,8 @@ class Wavefront:
         return self._value(PHASE, x, y), np.sqrt(light) * self._transmission(x, y, soft)
 
     def on_grid(self, centres: Array) -> tuple[Array, Array, Array]:
-        """Return phase, mm, light density and open share of a square grid, (n, n) by t and s.
+        """Return phase, mm, light density and unvignetted fraction of a square grid, (n, n) by t
+        and s.
 
         Parameters
         ----------
@@ -295,7 +296,7 @@ class Wavefront:
 
     @cached_property
     def _edge_slopes(self) -> list[float]:
-        """Change (mm) of the clearance per aperture radius at each edge, near 0."""
+        """RMS gradient of the clearance at each edge, where it is near 0, mm per aperture radius."""
         slopes = []
         for column in self.coefficients.T[EDGES:]:
             by_x, by_y = (rate @ column for rate in basis_slopes())

@@ -253,7 +253,7 @@ class Study:
 
     @property
     def hidden(self) -> tuple[float, float]:
-        """End of the central obscuration, deg, and the obscured image share, %."""
+        """End of the central obscuration, deg, and the obscured fraction of the image, %."""
         return self.sensor.obscured_to_deg, self.sensor.obscured_percent
 
     def rim_radius(self) -> float:

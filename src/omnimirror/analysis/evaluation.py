@@ -438,7 +438,7 @@ def object_sizes(dh: Array, dw: Array, omega: Array, object_distance_mm: Array) 
 def _columns_of_mirror(result: Evaluation, mirror: Mirror) -> dict[str, Array]:
     """Return the columns of an evaluation, (n,), with another mirror; NaN outside its field."""
     sensor = replace(result.sensor, mirror=mirror)
-    in_field = sensor.meridian.sees(np.radians(result.omega_deg))
+    in_field = sensor.meridian.is_in_field(np.radians(result.omega_deg))
     p, radius = np.asarray(result.object_distance_mm), result.image_radius_px
     evaluation = evaluate(
         sensor,

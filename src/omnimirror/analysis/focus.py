@@ -130,7 +130,7 @@ class Scales(NamedTuple):
     floor: Any
     """Sum of the squares of pixel and Airy disk, px^2."""
     has_lens_blur: bool = False
-    """True for a lens with a blur of its own."""
+    """True if the lens itself blurs the image, in addition to defocus."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from .ray_bundles import Bundles, fibonacci, gaussian, trace_bundles
 Kind = Literal["diffraction", "geometric"]
 KINDS = ("diffraction", "geometric")
 
-GEOMETRIC_RAYS = 200_000  # of a geometric PSF
+GEOMETRIC_RAYS = 200_000  # rays of a geometric PSF
 STEPS_PER_AIRY = 6.0  # default samples per Airy diameter
 MAX_SAMPLES = 2001
 MAX_INTEGRATION_SAMPLES = 2400  # maximum samples per side of the radial integration
@@ -60,7 +60,7 @@ class Psf(Result):
 
     @property
     def light_within(self) -> float:
-        """Share of the light on the square."""
+        """Fraction of the light on the square."""
         return float(self.density.sum()) * self._step**2
 
     def encircled_energy(self, radius_px: ArrayLike) -> Array:

@@ -83,8 +83,11 @@ def gaussian(rings: int) -> Pupil:
     return Pupil(points, np.repeat(weight / 2 / spokes, spokes))
 
 
-def open_share(pupil: Pupil, clearances: Sequence[Array], passes: NDArray[np.bool_]) -> float:
-    """Return the share of the aperture inside all edges, from clearances (n,) at the points of a pupil.
+def unvignetted_fraction(
+    pupil: Pupil, clearances: Sequence[Array], passes: NDArray[np.bool_]
+) -> float:
+    """Return the fraction of the aperture inside all edges, from clearances (n,) at the points of a
+    pupil.
 
     Counting rays as passing or blocked is a sum over a step function, with an error of the order of the
     ray spacing (0.016 for 12 rings). The clearance is continuous; it is interpolated linearly in the
@@ -94,7 +97,8 @@ def open_share(pupil: Pupil, clearances: Sequence[Array], passes: NDArray[np.boo
     Parameters
     ----------
     passes
-        Mask (n,) of the passing rays, which determines the share of triangles with undefined clearances.
+        Mask (n,) of the passing rays, which determines the unvignetted fraction of triangles with
+        undefined clearances.
 
     Examples
     --------
@@ -103,7 +107,7 @@ def open_share(pupil: Pupil, clearances: Sequence[Array], passes: NDArray[np.boo
     >>> pupil = hexapolar(12)
     >>> clearance = pupil.points[:, 0] - 0.3
     >>> truth = (np.arccos(0.3) - 0.3 * np.sqrt(1 - 0.3**2)) / np.pi
-    >>> bool(abs(open_share(pupil, [clearance], clearance >= 0) - truth) < 0.001)
+    >>> bool(abs(unvignetted_fraction(pupil, [clearance], clearance >= 0) - truth) < 0.001)
     True
     """
     from scipy.spatial import Delaunay, QhullError
@@ -116,18 +120,19 @@ def open_share(pupil: Pupil, clearances: Sequence[Array], passes: NDArray[np.boo
         return float(passes @ pupil.weights)
     a, b, c = pupil.points[corners].transpose(1, 0, 2)
     areas = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-    share = np.ones(len(corners))
+    fraction = np.ones(len(corners))
     known = np.zeros(len(pupil.points), dtype=bool)
     for edge in clearances:
-        share = np.minimum(share, _positive_share(edge[corners]))
+        fraction = np.minimum(fraction, _positive_fraction(edge[corners]))
         known |= edge < 0
     lost = ~passes & ~known  # rays that no edge blocks and that reach no imager
-    share = np.minimum(share, 1 - lost[corners].mean(axis=1))
-    return float(share @ areas / areas.sum())
+    fraction = np.minimum(fraction, 1 - lost[corners].mean(axis=1))
+    return float(fraction @ areas / areas.sum())
 
 
-def _positive_share(values: Array) -> Array:
-    """Return the share of the area of triangles in which linear functions are positive, from their
+def _positive_fraction(values: Array) -> Array:
+    """Return the fraction of the area of triangles in which linear functions are positive, from
+    their
     values (n, 3) at the corners; infinite values are those of rays that never meet the edge.
     """
     finite = np.isfinite(values)
@@ -279,8 +284,8 @@ def trace_bundles(
     Raises
     ------
     OutsideField
-        Object outside the field of view, or not visible through the whole aperture even without the
-        rim.
+        If an object is outside the field of view, or not visible through the whole aperture even
+        without the rim.
     InvalidParameter
         If the distance is not positive, or the imager is tilted.
 

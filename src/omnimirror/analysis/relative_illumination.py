@@ -37,7 +37,7 @@ class Illumination(TabularResult):
     reflectance: Array
     """Mean R(gamma) over the aperture (k,), of the light on the mirror."""
     filled: Array
-    """Unvignetted share of the aperture (k,), after blocking by rim, lens and housing."""
+    """Unvignetted fraction of the aperture (k,), after blocking by rim, lens and housing."""
 
     def records(self) -> list[dict[str, float]]:
         """Return one record per field angle."""
@@ -132,7 +132,7 @@ def illumination(
 def _through(
     sensor: Sensor, height: Array, pupil: Pupil, reflectivity: Reflectivity
 ) -> tuple[Array, Array, Array]:
-    """Return light, reflectance and unvignetted share (k,) of image points (k, 2) mm."""
+    """Return light, reflectance and unvignetted fraction (k,) of image points (k, 2) mm."""
     k, n = len(height), len(pupil.points)
     image, aperture = np.repeat(height, n, axis=0), np.tile(pupil.points, (k, 1))
     train = sensor.optical_train

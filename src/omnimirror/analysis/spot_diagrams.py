@@ -15,7 +15,7 @@ from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
 from .evaluation import evaluate, field_angles
-from .ray_bundles import Bundles, Pupil, hexapolar, open_share, trace_bundles
+from .ray_bundles import Bundles, Pupil, hexapolar, trace_bundles, unvignetted_fraction
 
 # -- Spot diagrams ---------------------------------------------------------------------------------
 
@@ -60,7 +60,7 @@ class Spots(TabularResult):
         edges = [*bundles.clearances().values()]
         return np.array(
             [
-                open_share(bundles.pupil, [edge[i] for edge in edges], passes)
+                unvignetted_fraction(bundles.pupil, [edge[i] for edge in edges], passes)
                 for i, passes in enumerate(bundles.passes)
             ]
         )

@@ -62,8 +62,8 @@ class OmnimirrorError(ValueError):
 
 
 class OmnimirrorWarning(UserWarning):
-    """Warning for a file with contradictory numbers that is read nevertheless; the command line
-    prints it.
+    """Warning about a readable file that contains contradictory numbers; the command line prints
+    it.
     """
 
 

@@ -149,7 +149,7 @@ def c_comment(text: str) -> str:
     """Return text for a comment of C, GLSL, HLSL and OSL, both ``/* */`` and ``//``.
 
     A space separates the characters of comment delimiters and of trigraphs; a backslash, which
-    would continue a comment on the next line, is followed by a point at the end of the text.
+    would continue a comment on the next line, is followed by a full stop at the end of the text.
 
     Examples
     --------

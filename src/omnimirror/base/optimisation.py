@@ -235,9 +235,9 @@ def solve_minimax(
     is_spread: bool = False,
     tolerance: float = 1e-8,
     max_steps: int = 200,
-    initial_trust: float = INITIAL_TRUST_RADIUS,
-    last_trust: float = MIN_TRUST_RADIUS,
-    least_gain: float = MIN_GAIN,
+    initial_trust_radius: float = INITIAL_TRUST_RADIUS,
+    final_trust: float = MIN_TRUST_RADIUS,
+    min_gain: float = MIN_GAIN,
     on_step: Callable[[float], None] | None = None,
 ) -> MinimaxResult:
     """Minimise the largest objective function under constraints, from ``start`` (dim,).
@@ -252,11 +252,11 @@ def solve_minimax(
         Minimise half the difference of maximum and minimum instead.
     tolerance
         Relative decrease below which the iteration stops.
-    initial_trust
+    initial_trust_radius
         Maximum length of the first step in each coordinate.
-    last_trust
+    final_trust
         Length of a step below which the iteration stops.
-    least_gain
+    min_gain
         Absolute decrease below which the iteration stops.
     on_step
         Called with the value after every accepted step.
@@ -273,20 +273,20 @@ def solve_minimax(
     1.5
     """
     y = np.clip(start, *bounds)
-    here = _price(values(y), is_spread)
-    history, trust = [here.value], initial_trust
+    here = _penalised(values(y), is_spread)
+    history, trust = [here.value], initial_trust_radius
     linear = rows(y)
     for _ in range(max_steps):
         step, predicted = _trust_region_step(linear, y, bounds, trust, is_spread)
         gain = here.price - predicted
-        if not gain > max(tolerance * abs(here.value), least_gain):
+        if not gain > max(tolerance * abs(here.value), min_gain):
             break
         ahead = values(y + step)
-        there = _price(ahead, is_spread)
+        there = _penalised(ahead, is_spread)
         if there.price > here.price - MIN_PREDICTED_FRACTION * gain and np.isfinite(there.price):
             corrected = _second_order_model(linear, ahead, step)
             second_step, _ = _trust_region_step(corrected, y, bounds, trust, is_spread)
-            second = _price(values(y + second_step), is_spread)
+            second = _penalised(values(y + second_step), is_spread)
             if second.price < there.price:
                 step, there = second_step, second
         quality = (here.price - there.price) / gain if np.isfinite(there.price) else -1.0
@@ -296,7 +296,7 @@ def solve_minimax(
             if on_step:
                 on_step(here.value)
         trust = min(trust * 2, 1.0) if quality > 0.75 else trust / 4 if quality < 0.25 else trust
-        if trust < last_trust:
+        if trust < final_trust:
             break
     return MinimaxResult(y, here.value, here.violation, tuple(history))
 
@@ -313,18 +313,18 @@ def minimise_mean(
     """Minimise a single smooth function under constraints: sequential quadratic programming
     (SciPy's SLSQP).
 
-    Arguments are those of :func:`solve_minimax`, for one objective; the result is the iterate of
-    lowest price.
+    Arguments are those of :func:`solve_minimax`, for one objective; the result is the iterate with
+    the lowest penalty function.
     """
     from scipy.optimize import minimize
 
     best = np.clip(start, *bounds)
-    lowest = _price(values(best), False)
+    lowest = _penalised(values(best), False)
     history = [lowest.value]
 
     def function(y: Array) -> float:
         nonlocal best, lowest
-        price = _price(values(y), False)
+        price = _penalised(values(y), False)
         if price.price < lowest.price:
             best, lowest = y.copy(), price
             history.append(price.value)
@@ -351,7 +351,7 @@ def minimise_mean(
     return MinimaxResult(best, lowest.value, lowest.violation, tuple(history))
 
 
-class _Price(NamedTuple):
+class _Penalised(NamedTuple):
     """Value, constraint violation and exact penalty function (price) of a point."""
 
     value: float
@@ -359,13 +359,13 @@ class _Price(NamedTuple):
     price: float
 
 
-def _price(v: ObjectiveValues, is_spread: bool) -> _Price:
+def _penalised(v: ObjectiveValues, is_spread: bool) -> _Penalised:
     """Return the price of a point: its value plus the penalty of constraint violations."""
     if not np.isfinite(v.objective).all() or not np.isfinite(v.constraints).all():
-        return _Price(np.inf, np.inf, np.inf)
+        return _Penalised(np.inf, np.inf, np.inf)
     value = float(np.ptp(v.objective)) / 2 if is_spread else float(v.objective.max())
     violation = float(v.constraints.max(initial=0.0))
-    return _Price(value, violation, value + VIOLATION_PENALTY * violation)
+    return _Penalised(value, violation, value + VIOLATION_PENALTY * violation)
 
 
 def _second_order_model(

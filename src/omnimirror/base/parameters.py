@@ -46,7 +46,9 @@ class Parameter:
                 )
 
 
-MIN_RELATIVE_EIGENVALUE = -1e-9  # of a covariance; smaller magnitudes are due to rounding
+MIN_RELATIVE_EIGENVALUE = (
+    -1e-9
+)  # eigenvalue of a covariance; smaller magnitudes are rounding errors
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from .notebook_card import CELL_STYLE, card
 Columns = Mapping[str, Any]
 """Columns of a table by name: arrays or lists of one length."""
 
-LINE_WIDTH, MAX_LINES = 88, 6  # of a repr
+LINE_WIDTH, MAX_LINES = 88, 6  # characters and lines of a repr
 MAX_TEXT = 60  # characters of a text in a repr
 MAX_SEQUENCE = 3  # elements that are printed individually
-MAX_FACTS, MAX_ROWS, MAX_COLUMNS = 12, 10, 12  # of the HTML
+MAX_FACTS, MAX_ROWS, MAX_COLUMNS = 12, 10, 12  # entries of the HTML card
 DATA_FRAME_PACKAGES = ("pandas", "polars")
 
 

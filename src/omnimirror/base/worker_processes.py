@@ -25,7 +25,7 @@ from .interrupts import postponed
 from .native import usable_cores
 
 T = TypeVar("T")
-MAX_PROCESSES = 8  # by default; about 100 MB each
+MAX_PROCESSES = 8  # default; each requires about 100 MB
 
 
 def start_process(

@@ -52,7 +52,7 @@ class Sample:
     directions : (n, 3) unit vectors
         Ray directions.
     is_backward_facing
-        Whether the image centre looks towards -Z.
+        Whether the image centre is directed towards -Z.
     mount
         Orientation of the camera.
     """
@@ -71,15 +71,15 @@ class Sample:
     @property
     def omega(self) -> Array:
         """Field angles (n,), radians from the viewing direction at the image centre."""
-        x, y, z = self.in_file.T
+        x, y, z = self.file_directions.T
         omega: Array = np.arctan2(np.hypot(x, y), z)
         return omega
 
     @property
-    def in_file(self) -> Array:
+    def file_directions(self) -> Array:
         """Directions (n, 3) in the frame of files: right, down, and central viewing direction."""
-        in_file: Array = self.directions * self.signs
-        return in_file
+        file_directions: Array = self.directions * self.signs
+        return file_directions
 
     @property
     def signs(self) -> Array:
@@ -172,13 +172,15 @@ def sample(camera: Camera, mount: Mount, count: int) -> Sample:
         pixels[valid],
         rotate_vectors(origins[valid], to_camera),
         rotate_vectors(directions[valid], to_camera),
-        _looks_back(camera, pixels[valid], rotate_vectors(directions[valid], to_camera)),
+        _is_backward_facing(camera, pixels[valid], rotate_vectors(directions[valid], to_camera)),
         mount,
     )
 
 
-def _looks_back(camera: Camera, pixels: Array, directions: Array) -> bool:
-    """Return whether the image centre looks towards -Z, from the camera or from its central pixels."""
+def _is_backward_facing(camera: Camera, pixels: Array, directions: Array) -> bool:
+    """Return whether the image centre is directed towards -Z, from the camera or its central
+    pixels.
+    """
     specified = getattr(camera, "is_backward_facing", None)
     if isinstance(specified, bool):
         return specified
@@ -221,7 +223,7 @@ def rotational_projection(sample: Sample, image_size: tuple[int, int]) -> Rotati
 
     The first fit is rotationally symmetric, the second includes the matrix.
     """
-    x, y, _ = sample.in_file.T
+    x, y, _ = sample.file_directions.T
     omega = sample.omega
     length = np.maximum(np.hypot(x, y), 1e-300)
     side = np.stack([x / length, y / length], axis=-1)

@@ -236,7 +236,7 @@ def convert(
         the calibrated field in the camera's file
         (:attr:`omnimirror.base.parameters.Uncertainty.field_deg`), otherwise the whole field.
     inner_deg : deg, optional
-        Minimum field angle of the fit; the image centre shows the camera itself, without
+        Minimum field angle of the fit; the image centre contains the camera itself, without
         calibration data.
 
     Returns

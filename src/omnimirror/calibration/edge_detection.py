@@ -161,7 +161,7 @@ def _noise(smooth: Image) -> float:
 
 
 @lru_cache(maxsize=8)
-def turns(count: int) -> Array:
+def revolution_angles(count: int) -> Array:
     """Return angles (count,) over one revolution."""
     angles: Array = np.arange(float(count)) * (2 * np.pi / count)
     return angles
@@ -174,8 +174,8 @@ BLUR_PX = 1.2
 MIN_CONTRAST = 2.5  # grey levels per px; minimum contrast of traced edges
 BAND = 1 << 22  # pixels that are filtered at once
 HALO, BESIDE = 16, 2  # rows around a band for filters, and around a pixel along its gradient
-STRONG = 2.0  # multiple of that, required at one point of each edge
-DEGREE = 5  # of the reference curves; the image of a straight edge is not more complex
+STRONG = 2.0  # multiple of MIN_CONTRAST, required at one point of each edge
+DEGREE = 5  # degree of the reference curves; the image of a straight edge is not more complex
 ROUGH_PX, WORST_PX = 0.35, 1.2  # rms and maximum distance of a chain from its curve
 STEP_PX = 2.0  # between retained points: neighbouring points are redundant
 MIN_LENGTH = 0.06  # fraction of the field's radius; minimum length of a chain

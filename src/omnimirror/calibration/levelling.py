@@ -23,7 +23,7 @@ MAX_CHANCE_FRACTION = 0.01  # expected number of directions with as many edges b
 REFINED = 4
 BENT_DEG = 0.25  # maximum rms deviation of a straight edge from its plane
 MIN_EXTENT_DEG = 6.0
-LOOKED_AT_PX = 1440
+MAX_SIDE_PX = 1440
 SURE_DEG, SURE_UPRIGHT = 0.6, 8
 USUAL_TILT_DEG, USUAL_ROLL_DEG = 20.0, 15.0
 
@@ -112,7 +112,7 @@ def _straight_edges(
     """
     import cv2
 
-    scale = max(1.0, max(image.shape[:2]) / LOOKED_AT_PX)
+    scale = max(1.0, max(image.shape[:2]) / MAX_SIDE_PX)
     if scale > 1:
         image = cv2.resize(image, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA)
     u, v = ((c + 0.5) / scale - 0.5 for c in centre_px)

@@ -310,11 +310,11 @@ def _path_endpoints(
 ) -> tuple[RayEndpoints, RayEndpoints]:
     """Return lens and targets in the mirror frame."""
     if sensor.lens.TELECENTRIC:
-        pupils = RayEndpoints(pose.turned_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
+        pupils = RayEndpoints(pose.rotate_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
         pupils = RayEndpoints(pose.to_mirror(sensor.optical_train.pupil_offset[None]))
     return pupils, RayEndpoints.of(
-        pose.turned_to_mirror(points) if distant else pose.to_mirror(points), distant
+        pose.rotate_to_mirror(points) if distant else pose.to_mirror(points), distant
     )
 
 

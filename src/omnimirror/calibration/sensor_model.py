@@ -129,7 +129,7 @@ class SensorModel(CameraModel):
 
     @property
     def optics(self) -> Literal["mirror"]:  # type: ignore[override]  # a field of other models
-        """Type of optics, ``"mirror"``: the image centre looks back past the lens."""
+        """Type of optics, ``"mirror"``: the image centre is directed back past the lens."""
         return "mirror"
 
     @cached_property

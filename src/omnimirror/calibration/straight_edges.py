@@ -287,7 +287,7 @@ def _evaluate(
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
     by_normal = (
         np.einsum("ni,nik->nk", e, _tangents(normal)[owner]) / slant[:, None]
-    )  # by turns of n
+    )  # rotations of the normal n
     by_free = np.einsum("nip,ni->np", change, normal[owner]) @ free.turn / slant[:, None]
     inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(
         2

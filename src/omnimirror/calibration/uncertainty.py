@@ -34,8 +34,8 @@ from ..cameras.models.camera_model import (
 from ..optics.sensor import Sensor
 from .sensor_model import SensorModel
 
-MAX_GRID_STEPS = 2000  # of a map, whose rows are computed together
-MAX_HEIGHT_MM = 1e9  # of a camera above a floor
+MAX_GRID_STEPS = 2000  # points per side of a map, whose rows are computed together
+MAX_HEIGHT_MM = 1e9  # height of a camera above a floor
 MAX_FLOOR_DISTANCE = 100.0  # multiple of the height; rays beyond are treated as horizontal
 
 
@@ -72,7 +72,7 @@ def direction_uncertainty(
     Raises
     ------
     InvalidParameter
-        If there is no covariance, or its parameters differ.
+        If there is no covariance, or its size does not match the parameters of the camera.
 
     Examples
     --------
@@ -123,13 +123,13 @@ def floor_uncertainty(
     Returns
     -------
     (n,) array
-        Standard deviation in mm; NaN for pixels that do not see the floor within 100 heights, and
-        outside the field.
+        Standard deviation in mm; NaN for pixels outside the field and for rays that do not reach
+        the floor within 100 heights.
 
     Raises
     ------
     InvalidParameter
-        If there is no covariance, or its parameters differ.
+        If there is no covariance, or its size does not match the parameters of the camera.
 
     Examples
     --------
@@ -239,7 +239,7 @@ def uncertainty_map(
     Raises
     ------
     InvalidParameter
-        If there is no covariance, or its parameters differ.
+        If there is no covariance, or its size does not match the parameters of the camera.
 
     Examples
     --------

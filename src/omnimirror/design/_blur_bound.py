@@ -100,8 +100,8 @@ def blur_bound(
     Raises
     ------
     InvalidParameter
-        Sensor with two mirrors, lens with distortion, object distance that is not positive, or a
-        field outside that of the sensor.
+        If the sensor has two mirrors, the lens has distortion, the object distance is not positive,
+        or the field is outside that of the sensor.
 
     Notes
     -----
@@ -179,7 +179,7 @@ class _UnderPerspective:
     """Function that returns k (mm) for a vergence D in focus."""
 
     def bound(self) -> BlurBound:
-        t = _least(self._too_steep)
+        t = _min_blur(self._too_steep)
         focus = self._focus(t)
         theta = np.linspace(self.theta, self._path(t, focus)[0], POINTS)
         omega, log_v = self._path(t, focus)[1](theta)
@@ -258,7 +258,7 @@ class _UnderTelecentric:
     k: float
 
     def bound(self) -> BlurBound:
-        t = _least(self._too_steep)
+        t = _min_blur(self._too_steep)
         end, path = self._path(t)
         x = np.linspace(self.rim, end, POINTS)
         omega, y = path(x)
@@ -310,7 +310,7 @@ def _followed(
     return float(path.t[-1]), path.sol
 
 
-def _least(too_steep: Callable[[float], float]) -> float:
+def _min_blur(too_steep: Callable[[float], float]) -> float:
     """Return the smallest feasible blur (radians); all larger values are also feasible."""
     if too_steep(0.0) <= 0:  # a narrow field without a positive bound
         return 0.0

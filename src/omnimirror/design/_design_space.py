@@ -29,7 +29,7 @@ class Reached(NamedTuple):
     """Point of minimum slack, and the largest relative violation there."""
 
     point: Point
-    share: float
+    relative_change: float
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Space(Protocol):
     def missed(self, point: Point) -> dict[Key, float]:
         """Return the relative violation of each requirement at a point; negative if it is met."""
 
-    def meeting(
+    def search_design(
         self, requirements: Requirements, point: Point, is_local: bool = False
     ) -> Point | None:
         """Search for a design that meets other requirements, starting near a point.
@@ -114,7 +114,7 @@ MARGINS = (
 )  # relative tightening of the other requirements, until they are met at all field angles
 
 
-def meeting_the_others(
+def meet_other_requirements(
     space: Space, point: Point, verdict: Verdict, on_progress: OnProgress = lambda words: None
 ) -> list[Point]:
     """Return points that violate only infeasible requirements by minimal amounts, best first.

@@ -37,7 +37,7 @@ from ..optics.batch.closed_forms import (
 )
 from ..optics.lenses import FieldLens, Lens, Perspective
 from ..optics.sensor import Sensor
-from .evaluated_field import counted_field, distances_mm, inverse_distances
+from .evaluated_field import distances_mm, evaluable_field, inverse_distances
 from .limits import Limit
 from .merits import OF_THE_WHOLE, FieldValues, values_at, with_whole
 from .requirements import MAX_FOCUS, FieldRequirements
@@ -213,7 +213,7 @@ class Focusing:
     def _nodes(self) -> MirrorPointOptics:
         """Optics (d, k) of all points for each relevant object."""
         sensor, mirror = self.sensor, self.sensor.mirror
-        counted = counted_field(self.field, sensor)
+        counted = evaluable_field(self.field, sensor)
         omega = np.radians([counted.part(part)[:2] for part in self._parts])
         first, last = sensor.meridian.x_from_omega(omega.ravel()).reshape(-1, 2).T
         x = (first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, self.points)).ravel()

@@ -17,7 +17,7 @@ from .catalogue import BallComponent, Component
 
 MATERIAL = "aluminium"
 """Default material of the mirror body."""
-POINTS = 64  # of the Gauss-Legendre quadrature
+POINTS = 64  # nodes of the Gauss-Legendre quadrature
 
 
 class OuterSize(NamedTuple):

@@ -24,11 +24,11 @@ from ._design_space import (
     Point,
     Reached,
     is_more_met,
-    meeting_the_others,
+    meet_other_requirements,
     priority_note,
 )
 from ._focusing import Focusing, vergences_of
-from .evaluated_field import counted_field
+from .evaluated_field import evaluable_field
 from .optimiser import IMAGE, Key, Slack
 from .ranges import ends, ends_or_none, is_free
 from .requirement_check import EDGE_PX, Verdict, check_requirements, evaluations, given_rows
@@ -61,7 +61,7 @@ TRIED = (
 )  # relative changes of a number, tried for the start of its search
 SEARCHED = 181  # field angles of a requirement check within a search
 LINEAR = ("conic", "omega_min_deg")  # entries that may be 0 or negative
-FREE_CONIC = (-0.9, 4.0)  # of an ellipsoid with a free conic constant
+FREE_CONIC = (-0.9, 4.0)  # range for an ellipsoid with a free conic constant
 AREA = "floored_area"
 """Substitute for the limits if there are none: logarithm of the floored blur area."""
 
@@ -106,16 +106,16 @@ class ParameterSpace:
         Ranges of the variable numbers.
     near
         Sensor of the design; its size is the unit of the focus coordinate.
-    found_from_scratch
-        Function that searches a design for other requirements with a given number of searches and
-        first starts; None if a requirement is missed.
+    search_from_scratch
+        Function that searches for a design that meets other requirements with a given number of
+        searches and first starts; None if a requirement is missed.
     """
 
     requirements: Requirements
     settled: Requirements
     spans: dict[str, Span]
     near: Sensor
-    found_from_scratch: Callable[[Requirements, Iterable[Requirements], int], Candidate | None]
+    search_from_scratch: Callable[[Requirements, Iterable[Requirements], int], Candidate | None]
 
     # -- points ------------------------------------------------------------------------------------
 
@@ -227,8 +227,8 @@ class ParameterSpace:
     def towards(self, point: Point, name: str, way: int, span: Span) -> Point:
         """Return a start for moving a number: a feasible point, or the nearest to it."""
         requested, best, smallest = self.numbers[name], point, np.inf
-        for share in TRIED:
-            value = requested + way * share * abs(requested)
+        for fraction in TRIED:
+            value = requested + way * fraction * abs(requested)
             if not span[0] <= value <= span[1]:
                 break
             try:
@@ -243,7 +243,7 @@ class ParameterSpace:
                 break
         return best
 
-    def meeting(
+    def search_design(
         self, requirements: Requirements, point: Point, is_local: bool = False
     ) -> Point | None:
         """Return the design for other requirements, found by a local or a global search."""
@@ -258,7 +258,7 @@ class ParameterSpace:
             name: span[0] for name, span in ranges_of(requirements).items() if span is not None
         }
         starts = 1 if is_local else RELAXED_STARTS
-        candidate = self.found_from_scratch(
+        candidate = self.search_from_scratch(
             requirements, [requirements.changed(**(settled | numbers))], starts
         )
         return None if candidate is None else self.point(candidate.settled, candidate.sensor)
@@ -378,8 +378,8 @@ class ParameterSpace:
             self.bounds,
             tolerance=CLOSE,
             max_steps=STEPS,
-            last_trust=CLOSE,
-            least_gain=CLOSE,
+            final_trust=CLOSE,
+            min_gain=CLOSE,
         )
 
     def _moved(self, y: Array, name: str, requested: float, way: int) -> float:
@@ -481,7 +481,7 @@ class RangeSearch:
         limits = [row.shortfall for row in verdict.limits]
         if missed or limits:
             return max(missed + limits) + (0.0 if limits else INFEASIBLE)
-        low, high, _ = counted_field(self.requirements.field, verdict.sensor).part()
+        low, high, _ = evaluable_field(self.requirements.field, verdict.sensor).part()
         results = evaluations(self.requirements, verdict.sensor, np.linspace(low, high, SEARCHED))
         return max(float(result.floored_area_deg2.max()) for result in results)
 
@@ -634,14 +634,14 @@ class RangeSearch:
 
         Without free parameters, the start is the only candidate.
         """
-        least_gain = GAIN if np.isinf(enough) else ROUGH_GAIN
+        min_gain = GAIN if np.isinf(enough) else ROUGH_GAIN
         for _ in range(RESTARTS if self.free else 0):
             if start.cost <= enough:
                 break
             result = self._polished(start)
             gain = start.cost - result.cost
             start = result
-            if gain <= least_gain * abs(result.cost):
+            if gain <= min_gain * abs(result.cost):
                 break
         return start
 
@@ -652,7 +652,7 @@ class RangeSearch:
             ranked.made.settled,
             self.free,
             ranked.made.sensor,
-            found_from_scratch,
+            search_from_scratch,
         )
 
     def _polished(self, start: Ranked) -> Ranked:
@@ -700,7 +700,7 @@ def solve(
     result = search.best()
     space = search.space(result)
     best = _design(search, space, result.made)
-    for point in meeting_the_others(space, best.point, best.verdict, on_progress):
+    for point in meet_other_requirements(space, best.point, best.verdict, on_progress):
         try:
             other = _design(search, space, make(space.settled_at(point)))
         except OmnimirrorError:
@@ -712,7 +712,7 @@ def solve(
     return space, best
 
 
-def found_from_scratch(
+def search_from_scratch(
     requirements: Requirements, begin: Iterable[Requirements] = (), starts: int | None = None
 ) -> Candidate | None:
     """Return the candidate of a search, if feasible; ``begin`` contains earlier designs.

@@ -271,7 +271,7 @@ def _has_too_few_pixels(limit: Limit, image_px: float, own: Requirements) -> boo
         "width_px_per_deg",
     ):
         return False
-    if not _judges_all(own):
+    if not _covers_evaluated_field(own):
         return False
     low, high = limit.omega_deg or (own.field.omega_min_deg, own.field.omega_max_deg)
     if limit.quantity != "width_px_per_deg" and limit.at_least * (high - low) > image_px * ROOM:
@@ -282,20 +282,24 @@ def _has_too_few_pixels(limit: Limit, image_px: float, own: Requirements) -> boo
     return bool(limit.at_least > 2 * np.pi * image_px / 360 / square * ROOM)
 
 
-def _judges_all(own: Requirements) -> bool:
+def _covers_evaluated_field(own: Requirements) -> bool:
     """Return whether all field angles of the limits are evaluated."""
     return own.housing.is_empty and not own.mirror.is_pointed
 
 
 def _diffracts_too_much(b: PartsBounds) -> bool:
-    return any(_is_lost_in_the_disk(limit, b.airy_px, b.image_px, b.own) for limit in b.own.limits)
+    return any(
+        _is_dominated_by_airy_disk(limit, b.airy_px, b.image_px, b.own) for limit in b.own.limits
+    )
 
 
-def _is_lost_in_the_disk(limit: Limit, airy_px: float, image_px: float, own: Requirements) -> bool:
+def _is_dominated_by_airy_disk(
+    limit: Limit, airy_px: float, image_px: float, own: Requirements
+) -> bool:
     if limit.at_most is not None and limit.of.is_blur:
         if limit.of.unit == "px":
             return airy_px > limit.at_most * ROOM
-        if not _judges_all(own):
+        if not _covers_evaluated_field(own):
             return False
         low, high = limit.omega_deg or (own.field.omega_min_deg, own.field.omega_max_deg)
         return (

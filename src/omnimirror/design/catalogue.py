@@ -314,7 +314,7 @@ KINDS: dict[str, tuple[type[Component], ...]] = {
     "dome": (DomeComponent,),
     "extra": (ExtraComponent,),
 }
-TELLING: dict[str, type[Component]] = {
+KIND_BY_ENTRY: dict[str, type[Component]] = {
     "magnification": TelecentricComponent,
     "pixel_pitch_um": ImagerComponent,
     "ball_diameter_mm": BallComponent,
@@ -411,7 +411,7 @@ def _number(key: str, text: str) -> Any:
 
 def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) -> Component:
     """Create one part of the kind identified by its entries."""
-    cls: type[Any] = next((kind for name, kind in TELLING.items() if name in entry), plain)
+    cls: type[Any] = next((kind for name, kind in KIND_BY_ENTRY.items() if name in entry), plain)
     known = {f.name: f for f in fields(cls)}
     if unknown := [k for k in entry if k not in known]:
         raise OmnimirrorError(

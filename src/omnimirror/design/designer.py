@@ -74,7 +74,7 @@ class Design(Result):
                 for entry, relaxation in zip(
                     conflict[group], getattr(self.conflict, group), strict=True
                 ):
-                    entry["share"] = relaxation.share
+                    entry["relative_change"] = relaxation.relative_change
         data: dict[str, Any] = json_plain(
             {**self.verdict.to_dict(), "conflict": conflict, "notes": self.notes}
         )

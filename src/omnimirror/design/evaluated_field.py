@@ -29,7 +29,7 @@ class EvaluatedRange(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Counted:
+class EvaluableField:
     """Field of a sensor and its evaluable part.
 
     Attributes
@@ -38,23 +38,23 @@ class Counted:
         Field of view of the mirror.
     required_deg
         Required field.
-    hidden_deg
+    obscured_to_deg
         Upper end of the central obscuration by the housing; 0 without one.
-    hidden_from_deg
+    obscured_from_deg
         Lower end of the outer obscuration; the end of the field without one.
     point_deg
         Upper end of the excluded centre of a pointed mirror; 0 for a smooth mirror.
-    hides
+    obscuring_part
         Part that causes the central obscuration.
     """
 
     low_deg: float
     high_deg: float
     required_deg: tuple[float, float]
-    hidden_deg: float
-    hidden_from_deg: float
+    obscured_to_deg: float
+    obscured_from_deg: float
     point_deg: float
-    hides: str
+    obscuring_part: str
 
     def part(self, asked_deg: tuple[float, float] | None = None) -> EvaluatedRange:
         """Return the evaluated range of a part of the field, or of the whole required field.
@@ -66,14 +66,14 @@ class Counted:
         """
         begins = [
             (self.low_deg, "outside the field of the mirror"),
-            (self.hidden_deg, f"obscured by the {self.hides}"),
+            (self.obscured_to_deg, f"obscured by the {self.obscuring_part}"),
         ]
         begins += [(self.point_deg, "singular at the apex of a pointed mirror")]
         if asked_deg is None:
             begins += [(self.required_deg[0], "below omega_min_deg")]
         first, last = asked_deg or (0.0, self.required_deg[1])
         begin, reason = max(begins, key=lambda b: b[0])
-        low, high = max(first, begin), min(last, self.hidden_from_deg)
+        low, high = max(first, begin), min(last, self.obscured_from_deg)
         if high < low <= high + NO_PART:  # the end of the field, shifted by rounding
             low = high
         if asked_deg is None and begin > self.required_deg[0]:
@@ -90,7 +90,7 @@ class Counted:
             explanation = (
                 f"{reason}, up to {begin:.4g} deg"
                 if low > first
-                else f"the field ends at {self.hidden_from_deg:.4g} deg"
+                else f"the field ends at {self.obscured_from_deg:.4g} deg"
             )
             raise InvalidParameter(f"no field angle {part} can be evaluated: {explanation}")
         return EvaluatedRange(low, high, tuple(left_out))
@@ -98,11 +98,11 @@ class Counted:
     @property
     def _end(self) -> str:
         """Reason for the upper end of the evaluated field."""
-        hidden = self.hidden_from_deg < self.high_deg
+        hidden = self.obscured_from_deg < self.high_deg
         return "obscured by the housing" if hidden else "end of the field of the mirror"
 
 
-def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
+def evaluable_field(field: FieldRequirements, sensor: Sensor) -> EvaluableField:
     """Return the evaluable field of a sensor, limited by the obscurations of its housing.
 
     Examples
@@ -111,7 +111,7 @@ def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
     >>> from omnimirror.optics.housing import CameraBody, Housing
     >>> from omnimirror.optics.sensor_files import load_sensor
     >>> sensor = replace(load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
-    >>> round(counted_field(FieldRequirements(omega_max_deg=135), sensor).hidden_deg, 2)
+    >>> round(evaluable_field(FieldRequirements(omega_max_deg=135), sensor).obscured_to_deg, 2)
     8.43
     """
     low, high = sensor.field_deg
@@ -123,15 +123,15 @@ def counted_field(field: FieldRequirements, sensor: Sensor) -> Counted:
         )
         point = float(np.degrees(edge.omega[0]))
     inner = [ring for ring in sensor.obscurations if ring.omega_deg[0] <= low]
-    hides = max(inner, key=lambda ring: ring.omega_deg[1], default=None)
-    return Counted(
+    obscuring_part = max(inner, key=lambda ring: ring.omega_deg[1], default=None)
+    return EvaluableField(
         low,
         high,
         (field.omega_min_deg, field.omega_max_deg),
-        clear if hides else 0.0,
+        clear if obscuring_part else 0.0,
         hidden_from,
         point,
-        hides.part if hides else "camera",
+        obscuring_part.part if obscuring_part else "camera",
     )
 
 

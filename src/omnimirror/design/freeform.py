@@ -19,7 +19,7 @@ from ._design_space import (
     Point,
     Reached,
     is_more_met,
-    meeting_the_others,
+    meet_other_requirements,
     priority_note,
 )
 from .merits import merit_named
@@ -141,7 +141,7 @@ class FreeformDesignSpace:
         """Return the relative violation of each requirement at a point."""
         return self._objective(()).missed(self.y(point))
 
-    def meeting(
+    def search_design(
         self, requirements: Requirements, point: Point, is_local: bool = False
     ) -> Point | None:
         """Return the nearby mirror of minimum violation of other requirements, if feasible."""
@@ -188,7 +188,7 @@ def solve(
         sensor = space.designs.sensor(y)
         first = f"no mirror of {problem.terms} terms meets all requirements; this one has the smallest violation"
     best = _design(space, y, sensor, optimum, (first,))
-    for point in meeting_the_others(space, best.point, best.verdict):
+    for point in meet_other_requirements(space, best.point, best.verdict):
         y = space.y(point)
         other = _design(space, y, space.designs.sensor(y), None, ())
         if is_more_met(other.verdict, best.verdict):
@@ -219,7 +219,7 @@ def _minimum_violation(space: FreeformDesignSpace, starts: list[Array]) -> Array
     results = [follow(coarse, y, tolerance=CLOSE) for y in [start(space.designs, 0, 0)[1], *starts]]
     best = min(results, key=_cost)
     fine = replace(coarse, u=np.linspace(0.0, 1.0, FINE))
-    return follow(fine, best.y, tolerance=CLOSE, initial_trust=POLISH_TRUST).y
+    return follow(fine, best.y, tolerance=CLOSE, initial_trust_radius=POLISH_TRUST).y
 
 
 def _cost(result: MinimaxResult) -> float:

@@ -191,26 +191,26 @@ def values_at(
     o: MirrorPointOptics, camera: FocusedCamera, v: Array, length: Array, sag: Array
 ) -> FieldValues:
     """Return field values of mirror points (..., k) for cameras focused at vergences v (..., 1)."""
-    look = camera.at(o, v)
-    floor = 1 + look.airy_px**2
-    t, s, own_t, own_s = look.t_px, look.s_px, look.own_t_px, look.own_s_px
+    images = camera.at(o, v)
+    floor = 1 + images.airy_px**2
+    t, s, own_t, own_s = images.t_px, images.s_px, images.own_t_px, images.own_s_px
     log_area = np.log(
         (t * t + own_t * own_t + floor) * (s * s + own_s * own_s + floor)
-    ) / 2 - np.log(look.dh * look.dw)
+    ) / 2 - np.log(images.dh * images.dw)
     b0 = camera.image_distance(v)
     return FieldValues(
         t,
         s,
-        look.dh,
-        look.dw,
+        images.dh,
+        images.dw,
         log_area,
         o.viewpoint_z,
         solid_angle(o.omega),
         b0,
         length,
         sag,
-        look.airy_px,
-        look.light,
+        images.airy_px,
+        images.light,
         own_t,
         own_s,
         omega=o.omega,

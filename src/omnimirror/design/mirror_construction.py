@@ -242,7 +242,8 @@ def generated_mirror(
     Raises
     ------
     InvalidParameter
-        Unknown mapping, missing or inapplicable entry, or field beyond the range of the mapping.
+        If the mapping is unknown, an entry is missing or inapplicable, or the field is beyond the
+        range of the mapping.
 
     Examples
     --------
@@ -355,7 +356,7 @@ def mappings(
     Raises
     ------
     InvalidParameter
-        If the combination of angles are invalid.
+        If the combination of angles is invalid.
 
     Examples
     --------
@@ -440,8 +441,8 @@ class LensAndCover:
     def heights(self, rays: ChiefRays) -> Array:
         """Return image heights (n,) relative to that of the last ray."""
         h = self.lens.image_height(rays.x, rays.w)
-        share: Array = h / h[-1]
-        return share
+        relative_height: Array = h / h[-1]
+        return relative_height
 
     def made_for_rim(self, make: Callable[[RimRay], MountedMirror], rim: RimRay) -> MountedMirror:
         """Return the mirror with the requested field angle at the rim outside the cover."""

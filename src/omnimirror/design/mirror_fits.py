@@ -30,7 +30,7 @@ Aim = Literal["worst-mapping", "mean-mapping", "sag"]
 """Objective of a fit: largest or RMS deviation of the mapping, or RMS deviation of the sag."""
 
 NODES, TABLE = 400, 2001
-STEPS = 60  # of least squares
+STEPS = 60  # maximum steps of least squares
 SETTLED = 1e-4  # relative decrease of the largest deviation that ends the search
 EXACT, RIM_TOLERANCE = (
     1e-12,
@@ -38,7 +38,7 @@ EXACT, RIM_TOLERANCE = (
 )  # deviations that are not reduced further; deviation of the rim after a correction
 CLOSE = 1e-12  # relative tolerance of least squares
 MAX_TERMS = 12
-STEP = 1e-30  # of complex-step derivatives
+STEP = 1e-30  # step of complex-step derivatives
 
 
 class FitForm(NamedTuple):
@@ -315,7 +315,12 @@ class _Problem:
 
         free = np.full(p.size, np.inf)
         solution = solve_minimax(
-            values, rows, np.zeros(p.size), (-free, free), tolerance=SETTLED, initial_trust=1.0
+            values,
+            rows,
+            np.zeros(p.size),
+            (-free, free),
+            tolerance=SETTLED,
+            initial_trust_radius=1.0,
         )
         return self._with_rim(p + back @ solution.y)
 

@@ -23,7 +23,7 @@ from ._part_combinations import PartsCombination, combinations_of, cut, requirem
 from .catalogue import BallComponent, Catalogue, LensComponent, read_catalogue
 from .component_selection import rings_for
 from .designer import Design, design_of
-from .evaluated_field import counted_field
+from .evaluated_field import evaluable_field
 from .ranges import ends, is_free
 from .requirement_check import RequirementCheck, Verdict, check_requirements, evaluations
 from .requirements import PartsRequirements, Requirements
@@ -162,7 +162,7 @@ def _evaluated(
 
 def worst_area(own: Requirements, sensor: Sensor) -> float:
     """Return the worst floored blur area, deg2, over the evaluated field and objects."""
-    low, high, _ = counted_field(own.field, sensor).part()
+    low, high, _ = evaluable_field(own.field, sensor).part()
     results = evaluations(own, sensor, np.linspace(low, high, SEARCHED))
     return max(float(result.floored_area_deg2.max()) for result in results)
 
@@ -377,8 +377,8 @@ def design_from_parts(
     Raises
     ------
     InvalidParameter
-        Requirements without parts, a count below 1, or a required ball or dome missing in the
-        catalogue.
+        If the requirements have no parts, a count is below 1, or the catalogue lacks a required
+        ball or dome.
 
     Examples
     --------

@@ -107,7 +107,7 @@ class Objective:
         return isinstance(self.goal, Merit) and self.goal.is_mean
 
     @property
-    def is_about_sharpness(self) -> bool:
+    def depends_on_focus(self) -> bool:
         """True if the goal or a limit depends on the focus."""
         own = isinstance(self.goal, Merit) and self.goal.is_sharpness
         return own or any(limit.of.is_sharpness for limit in self.space.problem.limits)
@@ -357,8 +357,8 @@ def optimise(
     OmnimirrorError
         If there is no feasible design.
     KeyboardInterrupt
-        Interruption (Ctrl-C) before the first start is finished; later, the best finished result is
-        returned.
+        If interrupted (Ctrl-C) before the first start is finished; later, the best finished result
+        is returned.
 
     Examples
     --------
@@ -464,11 +464,14 @@ def _polished(space: DesignSpace, merit: str, runs: list[Run]) -> Optimum:
     """Return the best run, refined over the fine field angles."""
     best = min((r for r in runs if r.kept), key=lambda r: r.value)
     fine = Objective(space, merit_named(merit), np.linspace(0.0, 1.0, FINE))
-    optimum = follow(fine, np.array(best.y), tolerance=CLOSER, initial_trust=POLISH_TRUST)
-    if not fine.is_about_sharpness:
+    optimum = follow(fine, np.array(best.y), tolerance=CLOSER, initial_trust_radius=POLISH_TRUST)
+    if not fine.depends_on_focus:
         for _ in range(REFOCUSED):
             optimum = follow(
-                fine, _focused(space, optimum.y), tolerance=CLOSER, initial_trust=POLISH_TRUST
+                fine,
+                _focused(space, optimum.y),
+                tolerance=CLOSER,
+                initial_trust_radius=POLISH_TRUST,
             )
     value = fine.shown(optimum.value)
     sensor = space.sensor(
@@ -485,14 +488,12 @@ def coarse_nodes(problem: DesignProblem) -> Array:
 def follow(objective: Objective, y: Array, **options: Any) -> MinimaxResult:
     """Return the local optimum of an objective near a point."""
     low, high = (np.array(b) for b in objective.space.bounds)
-    if (
-        not objective.is_about_sharpness
-    ):  # independent of focus and F-number: keep the initial values
+    if not objective.depends_on_focus:  # independent of focus and F-number: keep the initial values
         held = [i for i, name in enumerate(objective.space.names) if name in ("focus", "f_number")]
         low[held] = high[held] = y[held]
     bounds = low, high
     if objective.is_mean:
-        options.pop("initial_trust", None)
+        options.pop("initial_trust_radius", None)
         return minimise_mean(objective.values, objective.rows, y, bounds, **options)
     return solve_minimax(
         objective.values, objective.rows, y, bounds, objective.is_spread, **options

@@ -36,7 +36,7 @@ from .requirements import UNNAMED, Requirements
 
 # -- Evolutionary multi-objective optimisation, starting from known mirrors ------------------------
 
-ANGLES = 161  # of every evaluation
+ANGLES = 161  # field angles of every evaluation
 MARGIN = 0.1  # extension of the search box beyond the first designs, in every coordinate
 REFUSED = 1e6  # merit of an invalid design
 
@@ -308,13 +308,13 @@ def pareto(
     Raises
     ------
     InvalidParameter
-        Requirements without an optimised mirror; fewer than two merits, an unknown or repeated
-        merit; a population or number of generations below 1.
+        If the requirements have no optimised mirror, there are fewer than two merits, a merit is
+        unknown or repeated, or the population or number of generations is below 1.
     OmnimirrorError
         If pymoo or pyarrow is missing, or the file belongs to another search.
     KeyboardInterrupt
-        Interruption (Ctrl-C) before the first generation is complete; later, the front of the last
-        saved generation is returned.
+        If interrupted (Ctrl-C) before the first generation is complete; later, the front of the
+        last saved generation is returned.
 
     Examples
     --------

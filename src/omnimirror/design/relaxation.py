@@ -169,7 +169,7 @@ MAX_RELAXATION = 10.0  # maximum factor of relaxation
 ROOM = 0.45  # share of the distance to edge-on view, for each of two varied angles
 WIDENINGS = (0.0, 1e-4, 1e-3, 1e-2)  # relative widening until a relaxation is verified
 DIGITS = 5  # significant digits of the results
-STILL = 1e-6  # relative changes below this are 0
+NEGLIGIBLE_CHANGE = 1e-6  # relative changes below this are 0
 THRESHOLD_ACCURACY = 4e-3  # relative accuracy of a threshold
 IDLE = 0.01  # largest relative increase of the others for an unnecessary relaxation
 RANGES = {
@@ -207,30 +207,32 @@ class Relaxation:
     limit: int | None = None
 
     @property
-    def share(self) -> float | None:
+    def relative_change(self) -> float | None:
         """Relative change; None without a required value or for a request of 0."""
         if self.needed is None or self.requested == 0:
             return None
         return abs(self.needed - self.requested) / abs(self.requested)
 
     @property
-    def gives(self) -> bool:
+    def is_changed(self) -> bool:
         """True if the required value differs from the requested one."""
         return self.needed is not None and self.needed != self.requested
 
-    def giving(self, factor: float) -> Relaxation:
+    def scaled(self, factor: float) -> Relaxation:
         """Return the relaxation scaled by a factor, rounded outwards."""
         if self.needed is None:
             return self
         needed = self.requested + factor * (self.needed - self.requested)
         return replace(self, needed=outwards(needed, 1 if needed > self.requested else -1))
 
-    def widened(self, share: float) -> Relaxation:
+    def widened(self, relative_change: float) -> Relaxation:
         """Return the relaxation widened by a relative amount, rounded outwards."""
         if self.needed is None or self.needed == self.requested:
             return self
         way = 1 if self.needed > self.requested else -1
-        return replace(self, needed=outwards(self.needed + way * share * abs(self.needed), way))
+        return replace(
+            self, needed=outwards(self.needed + way * relative_change * abs(self.needed), way)
+        )
 
 
 @dataclass(frozen=True)
@@ -245,7 +247,7 @@ class Conflict(Result):
         Individual relaxations, smallest relative change first.
     joint
         Joint relaxations of the smallest largest relative change; each of them is necessary.
-    joint_share
+    joint_change
         Largest relative change in ``joint``; None if that is empty.
     alternatives
         Discrete choices that meet all requirements, or violate them less; best first.
@@ -256,13 +258,13 @@ class Conflict(Result):
     missed: tuple[str, ...]
     alone: tuple[Relaxation, ...]
     joint: tuple[Relaxation, ...]
-    joint_share: float | None
+    joint_change: float | None
     is_complete: bool = True
     alternatives: tuple[Alternative, ...] = ()
 
     def _table(self) -> Columns:
         return table_of(
-            {"group": group, **record_of(row), "share": row.share}
+            {"group": group, **record_of(row), "relative_change": row.relative_change}
             for group, rows in (("alone", self.alone), ("joint", self.joint))
             for row in rows
         )
@@ -298,7 +300,7 @@ def find_conflict(
     is_complete = True
     count = len(_names(space, best)) + 1
     try:
-        for advice, point in _alone(
+        for advice, point in _single_relaxations(
             space, best, lambda name: on_progress(f"relaxation {len(alone) + 1} of {count}: {name}")
         ):
             holds = partial(_holds, space, point)
@@ -308,13 +310,13 @@ def find_conflict(
         others.extend(alternatives)
     except KeyboardInterrupt:
         is_complete = False
-    share = max((r.share or 0.0 for r in joint), default=None)
+    relative_change = max((r.relative_change or 0.0 for r in joint), default=None)
     others.sort(key=lambda a: a.worst)
     return Conflict(
         best.verdict.missed,
         tuple(sorted(alone, key=_by_share)),
         joint,
-        share,
+        relative_change,
         is_complete,
         tuple(others),
     )
@@ -322,7 +324,7 @@ def find_conflict(
 
 def _by_share(r: Relaxation) -> tuple[bool, float]:
     """Return the sort key: smallest relative change first, missing thresholds last."""
-    return r.needed is None, r.share or 0.0
+    return r.needed is None, r.relative_change or 0.0
 
 
 # -- verification of relaxations -------------------------------------------------------------------
@@ -370,7 +372,10 @@ def _holds(
 ) -> bool | None:
     """Return whether a design meets the relaxed requirements; None if the mirror does not exist."""
     try:
-        return space.meeting(relaxed(space.requirements, relaxations), point, is_local) is not None
+        return (
+            space.search_design(relaxed(space.requirements, relaxations), point, is_local)
+            is not None
+        )
     except OmnimirrorError:
         return None
 
@@ -391,9 +396,11 @@ def _minimum_widening(
 
 def verified(r: Relaxation, holds: Holds) -> Relaxation:
     """Return the relaxation rounded and widened if necessary, or without a value."""
-    if not r.gives:
+    if not r.is_changed:
         return r
-    result = _minimum_widening([[r.widened(share)] for share in WIDENINGS], holds)
+    result = _minimum_widening(
+        [[r.widened(relative_change)] for relative_change in WIDENINGS], holds
+    )
     return result[0] if result else replace(r, needed=None)
 
 
@@ -403,13 +410,13 @@ def nearest(r: Relaxation, holds: Holds) -> Relaxation:
     Steps towards the requested value double until one is infeasible; the last step is then
     bisected.
     """
-    if not r.gives or r.needed is None:
+    if not r.is_changed or r.needed is None:
         return r
     step = (
         THRESHOLD_ACCURACY * abs(r.needed) / abs(r.needed - r.requested)
     )  # relative to the relaxation
     far, trial = 1.0, 1.0 - step
-    while trial > 0 and holds([r.giving(trial)]):
+    while trial > 0 and holds([r.scaled(trial)]):
         far, step = trial, 2 * step
         trial = far - step
     near = max(trial, 0.0)
@@ -417,8 +424,8 @@ def nearest(r: Relaxation, holds: Holds) -> Relaxation:
         r.needed
     ):
         middle = (near + far) / 2
-        near, far = (near, middle) if holds([r.giving(middle)]) else (middle, far)
-    return r if far == 1 else r.giving(far)
+        near, far = (near, middle) if holds([r.scaled(middle)]) else (middle, far)
+    return r if far == 1 else r.scaled(far)
 
 
 def verified_together(relaxations: Sequence[Relaxation], holds: Holds) -> tuple[Relaxation, ...]:
@@ -440,11 +447,11 @@ def without_idle(relaxations: tuple[Relaxation, ...], holds: Holds) -> tuple[Rel
     A relaxation is unnecessary if the others are feasible without it after an increase of at most 1
     %; or the limits among them, if a number is at the end of its possible range.
     """
-    for r in sorted(relaxations, key=lambda r: r.share or 0.0):
+    for r in sorted(relaxations, key=lambda r: r.relative_change or 0.0):
         rest = tuple(other for other in relaxations if other.name != r.name)
         if not rest:
             break
-        more = tuple(other.giving(1 + IDLE) for other in rest)
+        more = tuple(other.scaled(1 + IDLE) for other in rest)
         limits_more = tuple(o if o.limit is None else m for o, m in zip(rest, more, strict=True))
         held = holds(more)
         if held or (held is None and holds(limits_more)):
@@ -469,7 +476,7 @@ def outwards(value: float, way: int) -> float:
 
 
 def _names(space: Space, best: BestDesign) -> list[str]:
-    """List the requirements relaxed by :func:`_alone`, in its order."""
+    """List the requirements relaxed by :func:`_single_relaxations`, in its order."""
     others = [row.name for row in best.verdict.rows if _is_other(space, row)]
     return [*(row.label for row in best.verdict.limits), *others, *space.numbers]
 
@@ -479,23 +486,23 @@ def _is_other(space: Space, row: RequirementCheck) -> bool:
     return not (row.is_limit or row.is_met or row.name in space.numbers)
 
 
-def _alone(
+def _single_relaxations(
     space: Space, best: BestDesign, on_progress: OnProgress
 ) -> Iterator[tuple[Relaxation, Point]]:
     """Yield each individually relaxed requirement with a feasible design."""
     for i, row in enumerate(best.verdict.limits):
         on_progress(row.label)
-        yield _limit_gives(space, best, i, row)
+        yield _relaxed_limit(space, best, i, row)
     for row in best.verdict.rows:
         if _is_other(space, row):
             on_progress(row.name)
-            yield _limit_gives(space, best, row.name, row)
+            yield _relaxed_limit(space, best, row.name, row)
     for name in space.numbers:
         on_progress(name)
-        yield _number_gives(space, best, name)
+        yield _relaxed_number(space, best, name)
 
 
-def _limit_gives(
+def _relaxed_limit(
     space: Space, best: BestDesign, key: Key, row: RequirementCheck
 ) -> tuple[Relaxation, Point]:
     """Minimise the violation of one requirement with all others met."""
@@ -510,23 +517,25 @@ def _limit_gives(
     if (
         result is None
         and isinstance(key, int)
-        and (begin := _without(space, best, replace(advice, needed=_far(row))))
+        and (begin := _without(space, best, replace(advice, needed=_maximum_relaxation(row))))
     ):
         result = space.reach(begin, Slack((key,)))
     if result is None:
         return advice, best.point
-    return replace(advice, needed=_after_giving(row, max(result.share, 0.0))), result.point
+    return replace(
+        advice, needed=_relaxed_value(row, max(result.relative_change, 0.0))
+    ), result.point
 
 
 def _without(space: Space, best: BestDesign, r: Relaxation) -> Point | None:
     """Return a design found with one requirement relaxed to its maximum; None if there is none."""
     try:
-        return space.meeting(relaxed(space.requirements, [r]), best.point)
+        return space.search_design(relaxed(space.requirements, [r]), best.point)
     except OmnimirrorError:
         return None
 
 
-def _far(row: RequirementCheck) -> float:
+def _maximum_relaxation(row: RequirementCheck) -> float:
     """Return the value of a limit at its maximum relaxation."""
     requested = _required_value(row)
     return (
@@ -542,13 +551,13 @@ def _required_value(row: RequirementCheck) -> float:
     return min(sides, key=lambda v: abs(v - row.reached))
 
 
-def _after_giving(row: RequirementCheck, share: float) -> float:
+def _relaxed_value(row: RequirementCheck, relative_change: float) -> float:
     """Return the value of a requirement after a relative relaxation."""
     requested = _required_value(row)
-    return requested + (1 if requested == row.at_most else -1) * share * row.scale
+    return requested + (1 if requested == row.at_most else -1) * relative_change * row.scale
 
 
-def _number_gives(space: Space, best: BestDesign, name: str) -> tuple[Relaxation, Point]:
+def _relaxed_number(space: Space, best: BestDesign, name: str) -> tuple[Relaxation, Point]:
     """Return the nearest value of a given number with all other requirements met."""
     requested, results = space.numbers[name], []
     for way in (-1, 1):
@@ -595,7 +604,7 @@ class Joint(NamedTuple):
     """Joint relaxations: each change, the largest relative change, and a feasible design."""
 
     given: tuple[Relaxation, ...]
-    share: float
+    relative_change: float
     point: Point
 
 
@@ -648,17 +657,17 @@ def _minimum_joint(
         return None
     missed = freed.missed(result.point)
     relaxations = [
-        Relaxation(row.label, row.unit, _required_value(row), _after_giving(row, missed[i]), i)
+        Relaxation(row.label, row.unit, _required_value(row), _relaxed_value(row, missed[i]), i)
         for i, row in rows
-        if missed[i] > STILL
+        if missed[i] > NEGLIGIBLE_CHANGE
     ]
     values = {name: freed.value(result.point, name) for name in spans}
     relaxations += [
         Relaxation(name, unit_of(name), space.numbers[name], value)
         for name, value in values.items()
-        if abs(value / space.numbers[name] - 1) > STILL
+        if abs(value / space.numbers[name] - 1) > NEGLIGIBLE_CHANGE
     ]
-    return Joint(tuple(relaxations), result.share, result.point)
+    return Joint(tuple(relaxations), result.relative_change, result.point)
 
 
 def _freedom(

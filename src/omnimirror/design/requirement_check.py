@@ -19,7 +19,7 @@ from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
-from .evaluated_field import EvaluatedRange, counted_field, cut_off, distances_of
+from .evaluated_field import EvaluatedRange, cut_off, distances_of, evaluable_field
 from .limits import SHARED, Limit, format_part
 from .merits import FieldValues, values_of_evaluation
 from .ranges import ends, ends_or_none
@@ -229,11 +229,11 @@ def given_rows(requirements: Requirements, sensor: Sensor) -> list[RequirementCh
 
 
 def _field_rows(requirements: Requirements, sensor: Sensor) -> list[RequirementCheck]:
-    field, counted = requirements.field, counted_field(requirements.field, sensor)
-    low, high = sensor.field_deg[0], counted.hidden_from_deg
+    field, counted = requirements.field, evaluable_field(requirements.field, sensor)
+    low, high = sensor.field_deg[0], counted.obscured_from_deg
     rows = [RequirementCheck("omega_max_deg", "deg", field.omega_max_deg, None, high)]
     if field.omega_min_deg > 0 or low > 0:  # otherwise obscuration by the housing is permitted
-        begin = max(low, counted.hidden_deg)
+        begin = max(low, counted.obscured_to_deg)
         rows.append(RequirementCheck("omega_min_deg", "deg", None, field.omega_min_deg, begin))
     return rows
 
@@ -293,7 +293,7 @@ def _limits_over_temperatures(
 
 def _limit_rows(requirements: Requirements, sensor: Sensor, angles: int) -> list[RequirementCheck]:
     """Return the rows of the limits, each at its worst field angle and object distance."""
-    counted = counted_field(requirements.field, sensor)
+    counted = evaluable_field(requirements.field, sensor)
     parts = {limit.omega_deg: counted.part(limit.omega_deg) for limit in requirements.limits}
     omega = [np.linspace(part.low_deg, part.high_deg, angles) for part in parts.values()]
     results = evaluations(requirements, sensor, np.concatenate(omega)) if omega else []

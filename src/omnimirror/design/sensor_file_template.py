@@ -108,7 +108,7 @@ SECONDARY = {"distance_mm": 88.0, "bore_radius_mm": 5.0}
 
 
 def _entries(parameters: Mapping[str, Parameter], values: Mapping[str, float] | None = None) -> str:
-    """Format the optional entries of a table as comments; default value 0."""
+    """Format the optional entries of a table as comments, 0 unless ``values`` contains them."""
     values = values or {}
     return "\n".join(
         f"# {name} = {values.get(name, 0.0)}  # {p.description}" for name, p in parameters.items()

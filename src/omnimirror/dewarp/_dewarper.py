@@ -21,7 +21,7 @@ from .sampling import (
     border_values,
     check_border,
     check_image,
-    checked_out,
+    output_array,
     remap,
     transparent_border,
     with_alpha,
@@ -412,7 +412,7 @@ class ColourDewarper:
         if transparent:
             border = transparent_border(border, image)
             image = with_alpha(image)
-        out = checked_out(out, image, self.view.size)
+        out = output_array(out, image, self.view.size)
         for channel, value in enumerate(border_values(border, image)):
             where = self._colours[channel if channel < len(self._colours) else GREEN]._map
             remap(

@@ -129,7 +129,7 @@ class DewarpedImage(NamedTuple):
 
     def encoded(self, output: str | Path) -> bytes:
         """Return the bytes of the output file."""
-        return encode_image(output, self.pixels, panorama=self.panorama, carried=self.metadata)
+        return encode_image(output, self.pixels, panorama=self.panorama, metadata=self.metadata)
 
 
 # -- Dewarping of image files ----------------------------------------------------------------------
@@ -227,7 +227,7 @@ class ImageDewarper:
         is_stored = self.request.stored_orientation
         image, metadata = read_image_and_metadata(source, stored_orientation=is_stored)
         dewarped = self.dewarp(SourceImage(str(source), image, metadata), output)
-        write_image(output, dewarped.pixels, panorama=dewarped.panorama, carried=dewarped.metadata)
+        write_image(output, dewarped.pixels, panorama=dewarped.panorama, metadata=dewarped.metadata)
         return f"{display_name(output)}: {dewarped.notes}"
 
     def check_output(self, output: Path) -> None:
@@ -258,7 +258,7 @@ class ImageDewarper:
             converted.dtype,
             dewarped.dtype,
         )
-        metadata, dropped = source.metadata.that_fits(output, converted, recoded)
+        metadata, dropped = source.metadata.supported_by(output, converted, recoded)
         height, width = dewarped.shape[:2]
         notes = _change_of_depth(dewarped.dtype.name, converted.dtype.name)
         if dropped:
@@ -330,5 +330,5 @@ def _change_of_depth(before: str, after: str) -> str:
 
 
 def _percent(dewarp: Dewarper | ColourDewarper) -> str:
-    share = 100 * dewarp.valid.mean()
-    return "all pixels" if share == 100 else f"{share:.3g} % of the pixels"
+    percent = 100 * dewarp.valid.mean()
+    return "all pixels" if percent == 100 else f"{percent:.3g} % of the pixels"

@@ -339,9 +339,9 @@ def check_pixels(pixels: Pixels) -> None:
         )
 
 
-def checked_out(out: Image | None, image: Image, size: tuple[int, int]) -> Image:
-    """Return the output array, or a new one if None, of a (width, height) and otherwise like the
-    image.
+def output_array(out: Image | None, image: Image, size: tuple[int, int]) -> Image:
+    """Return the validated output array of a (width, height), or a new one with channels and data
+    type of the image.
     """
     shape, kind = (size[1], size[0], *image.shape[2:]), image.dtype.newbyteorder("=")
     if out is None:
@@ -729,7 +729,7 @@ def remap(
         raise InvalidParameter(
             f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}"
         )
-    out = checked_out(out, image, where.size)
+    out = output_array(out, image, where.size)
     target_view = out if out.ndim == 3 else out[..., None]
     is_direct = is_contiguous(target_view) and not np.may_share_memory(image, out)
     target = target_view if is_direct else np.empty(target_view.shape, target_view.dtype)

@@ -76,13 +76,13 @@ def check_shapes(parts: Planes, size: tuple[int, int], like: Planes = ()) -> Non
             ", ".join(str(part.shape) for part in parts),
             ", ".join(map(str, valid[0])),
         )
-        also = (
+        opacity_shape = (
             ""
             if like
             else f", or three planes with chroma of {', '.join(map(str, chroma_shapes.values()))}"
         )
         raise InvalidParameter(
-            f"planes must have the shapes {expected}{also} for {size[0]} x {size[1]} px; got {shapes}"
+            f"planes must have the shapes {expected}{opacity_shape} for {size[0]} x {size[1]} px; got {shapes}"
         )
 
 

@@ -178,7 +178,7 @@ def obscured_pixels(sensor: Sensor, pixels: Array, rays: Rays) -> NDArray[np.boo
     obscured = np.zeros(len(pixels), bool)
     if sensor.secondary is None:
         if not sensor.housing.is_empty:
-            for mask in sensor.hidden_by(pixels).values():
+            for mask in sensor.obscured_by(pixels).values():
                 obscured |= mask
         return obscured
     with np.errstate(invalid="ignore"):  # NaN directions outside the field

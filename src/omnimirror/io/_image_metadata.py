@@ -1,7 +1,7 @@
 """Metadata of image files: XMP packets, colour profile (ICC), EXIF and orientation.
 
-The pixels are unchanged: metadata is added to the output of any encoder, at the position of the
-standard of each format.
+The pixels are unchanged: metadata is added to the output of any encoder, at the position that the
+standard of each format defines.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ class ImageMetadata(NamedTuple):
     def __bool__(self) -> bool:
         return self.profile is not None or self.exif is not None
 
-    def that_fits(
+    def supported_by(
         self, path: str | Path, image: NDArray[np.generic], recoded: bool = False
     ) -> tuple[ImageMetadata, str]:
         """Return the metadata that a file can hold for an image, and a description of what is
@@ -240,9 +240,9 @@ def read_metadata(data: bytes) -> ImageMetadata:
     return ImageMetadata(profile, parse_exif(block), orientation_of_block(block))
 
 
-def embed_metadata(suffix: str, data: bytes, carried: ImageMetadata) -> bytes:
+def embed_metadata(suffix: str, data: bytes, metadata: ImageMetadata) -> bytes:
     """Return the file with a profile and EXIF embedded; ``suffix`` is one of :data:`METADATA_WRITERS`."""
-    return METADATA_WRITERS[suffix](data, carried)
+    return METADATA_WRITERS[suffix](data, metadata)
 
 
 # -- JPEG ----------------------------------------------------------------------------------------
@@ -265,11 +265,11 @@ def _metadata_of_jpeg(data: bytes) -> tuple[bytes | None, bytes]:
     return b"".join(pieces[k] for k in sorted(pieces)) or None, block
 
 
-def _in_jpeg(data: bytes, carried: ImageMetadata) -> bytes:
+def _in_jpeg(data: bytes, metadata: ImageMetadata) -> bytes:
     segments = b""
-    if carried.exif is not None:
-        segments += _segment(0xE1, EXIF_NAME + carried.exif.block())
-    profile = carried.profile or b""
+    if metadata.exif is not None:
+        segments += _segment(0xE1, EXIF_NAME + metadata.exif.block())
+    profile = metadata.profile or b""
     pieces = [
         profile[k : k + MAX_ICC_PIECE_BYTES] for k in range(0, len(profile), MAX_ICC_PIECE_BYTES)
     ]
@@ -302,12 +302,12 @@ def _metadata_of_png(data: bytes) -> tuple[bytes | None, bytes]:
     return profile, block
 
 
-def _in_png(data: bytes, carried: ImageMetadata) -> bytes:
+def _in_png(data: bytes, metadata: ImageMetadata) -> bytes:
     chunks = b""
-    if carried.profile is not None:
-        chunks += _chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(carried.profile))
-    if carried.exif is not None:
-        chunks += _chunk(b"eXIf", carried.exif.block())
+    if metadata.profile is not None:
+        chunks += _chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(metadata.profile))
+    if metadata.exif is not None:
+        chunks += _chunk(b"eXIf", metadata.exif.block())
     after_header = 8 + 12 + 13
     return data[:after_header] + chunks + data[after_header:]
 
@@ -333,13 +333,13 @@ def _webp_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         at += 8 + length + length % 2
 
 
-def _in_webp(data: bytes, carried: ImageMetadata) -> bytes:
+def _in_webp(data: bytes, metadata: ImageMetadata) -> bytes:
     flags, canvas, chunks = _webp_header(data)
     before = after = b""
-    if carried.profile is not None:
-        flags, before = flags | WEBP_HAS_ICC, _webp_chunk(b"ICCP", carried.profile)
-    if carried.exif is not None:
-        flags, after = flags | WEBP_HAS_EXIF, _webp_chunk(b"EXIF", carried.exif.block())
+    if metadata.profile is not None:
+        flags, before = flags | WEBP_HAS_ICC, _webp_chunk(b"ICCP", metadata.profile)
+    if metadata.exif is not None:
+        flags, after = flags | WEBP_HAS_EXIF, _webp_chunk(b"EXIF", metadata.exif.block())
     body = (
         b"WEBP" + _webp_chunk(b"VP8X", bytes([flags, 0, 0, 0]) + canvas) + before + chunks + after
     )
@@ -364,16 +364,16 @@ def _profile_of_tiff(data: bytes) -> bytes | None:
     return None
 
 
-def _in_tiff(data: bytes, carried: ImageMetadata) -> bytes:
+def _in_tiff(data: bytes, metadata: ImageMetadata) -> bytes:
     """Add the tags to the first directory, rewritten at the end of the file; OpenCV writes
     little-endian files.
     """
     more: Directory = {}
-    if carried.profile is not None:
-        more[ICC_TAG] = Entry(7, len(carried.profile), carried.profile)
-    if carried.exif is not None:
-        more |= carried.exif.image
-        for tag, directory in ((EXPOSURE, carried.exif.exposure), (PLACE, carried.exif.place)):
+    if metadata.profile is not None:
+        more[ICC_TAG] = Entry(7, len(metadata.profile), metadata.profile)
+    if metadata.exif is not None:
+        more |= metadata.exif.image
+        for tag, directory in ((EXPOSURE, metadata.exif.exposure), (PLACE, metadata.exif.place)):
             if directory:
                 data += b"\0" * (len(data) % 2)
                 more[tag] = Entry(4, 1, struct.pack("<I", len(data)))

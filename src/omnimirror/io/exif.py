@@ -101,7 +101,7 @@ def exposure_of(exif: Exif | None) -> Exposure:
 
 
 def _number(entry: Entry | None) -> float | None:
-    """Return a positive number, or infinity as EXIF notes it; None for unknown (0) or invalid
+    """Return a positive number, or infinity as encoded by EXIF; None for unknown (0) or invalid
     values.
     """
     form = None if entry is None else NUMBERS.get(entry.kind)

@@ -300,13 +300,13 @@ def decode_image_and_metadata(
     path = Path(path)
     if not data:
         raise MediaError(f"cannot read the image {path}: the file is empty")
-    carried = read_metadata(data)
-    if carried.orientation == UPRIGHT:
-        return _decoded(path, data), carried
+    metadata = read_metadata(data)
+    if metadata.orientation == UPRIGHT:
+        return _decoded(path, data), metadata
     image = _decoded(path, without_orientation(data))
     return image if stored_orientation else np.ascontiguousarray(
-        oriented(image, carried.orientation)
-    ), carried
+        oriented(image, metadata.orientation)
+    ), metadata
 
 
 def read_image(path: str | Path, *, stored_orientation: bool = False) -> Image:
@@ -428,7 +428,7 @@ def write_image(
     image: Image,
     *,
     panorama: GPano | None = None,
-    carried: ImageMetadata | None = None,
+    metadata: ImageMetadata | None = None,
 ) -> None:
     """Write an image file atomically; an existing file is unchanged on errors.
 
@@ -441,9 +441,9 @@ def write_image(
         uint8, uint16 or float32; channels in the order red, green, blue (alpha).
     panorama
         Part of the full sphere in the image, for viewers; supported by JPEG, PNG, WebP and TIFF.
-    carried
+    metadata
         Colour profile and EXIF from :func:`omnimirror.io._image_metadata.read_metadata`; supported
-        by the same formats. ``carried.that_fits`` returns what a file can hold.
+        by the same formats. ``metadata.supported_by`` returns what a file can hold.
 
     Raises
     ------
@@ -463,13 +463,13 @@ def write_image(
     instance("image", image, np.ndarray, "an array of pixels")
     if panorama is not None:
         instance("panorama", panorama, GPano, "a GPano")
-    _check_writable(path, image, panorama, carried)
+    _check_writable(path, image, panorama, metadata)
     try:
         with atomic_output(path) as temporary:
             if temporary.suffix.lower() == ".exr":
                 exr.write_exr(temporary, image)
             else:
-                temporary.write_bytes(_encoded(Path(path), image, panorama, carried))
+                temporary.write_bytes(_encoded(Path(path), image, panorama, metadata))
     except MediaError:
         raise
     except OmnimirrorError as e:
@@ -481,7 +481,7 @@ def encode_image(
     image: Image,
     *,
     panorama: GPano | None = None,
-    carried: ImageMetadata | None = None,
+    metadata: ImageMetadata | None = None,
 ) -> bytes:
     """Return the bytes of the file that :func:`write_image` would write.
 
@@ -489,9 +489,9 @@ def encode_image(
     b'\\x89PNG'
     """
     path = Path(path)
-    _check_writable(path, image, panorama, carried)
+    _check_writable(path, image, panorama, metadata)
     if path.suffix.lower() != ".exr":
-        return _encoded(path, image, panorama, carried)
+        return _encoded(path, image, panorama, metadata)
     with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
         file = Path(folder) / "image.exr"
         exr.write_exr(file, image)
@@ -499,7 +499,7 @@ def encode_image(
 
 
 def _check_writable(
-    path: str | Path, image: Image, panorama: GPano | None, carried: ImageMetadata | None
+    path: str | Path, image: Image, panorama: GPano | None, metadata: ImageMetadata | None
 ) -> None:
     """Raise MediaError unless the format of a file can store the image and its metadata."""
     kind = format_of(path)
@@ -517,7 +517,7 @@ def _check_writable(
     check_size(path, (image.shape[1], image.shape[0]))
     if panorama is not None:
         _check_panorama(path, image, panorama)
-    if carried and Path(path).suffix.lower() not in METADATA_WRITERS:
+    if metadata and Path(path).suffix.lower() not in METADATA_WRITERS:
         raise MediaError(
             f"cannot write {path}: a colour profile or EXIF requires {', '.join(METADATA_WRITERS)}"
         )
@@ -537,7 +537,7 @@ def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
 
 
 def _encoded(
-    path: Path, image: Image, panorama: GPano | None, carried: ImageMetadata | None
+    path: Path, image: Image, panorama: GPano | None, metadata: ImageMetadata | None
 ) -> bytes:
     """Return the bytes of the file."""
     suffix = path.suffix.lower()
@@ -545,8 +545,8 @@ def _encoded(
         data = encoded(image, suffix)
     except cv2.error as e:
         raise MediaError(f"cannot write {path}: {_reason(e)}") from None
-    if carried:
-        data = embed_metadata(suffix, data, carried)
+    if metadata:
+        data = embed_metadata(suffix, data, metadata)
     return data if panorama is None else _image_metadata.embed_xmp(suffix, data, panorama.xmp())
 
 

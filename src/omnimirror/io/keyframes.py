@@ -23,7 +23,7 @@ TIME_NAME = "time_s"
 VALUE_NAMES = ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg", "distance_mm")
 """Valid names, unless the caller specifies others."""
 PERIODIC_NAMES = ("pan_deg", "roll_deg")
-"""Angles with a period of 360 deg: interpolated the short way round, and returned in -180 to 180
+"""Angles with a period of 360 deg: interpolated along the shorter arc, and returned in -180 to 180
 deg.
 """
 NAMES_WITHOUT_DEFAULT = ("hfov_deg", "distance_mm")

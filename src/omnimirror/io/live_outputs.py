@@ -238,7 +238,7 @@ class PipeSink(SinkBase):
 
 
 class VirtualCamera(SinkBase):
-    """Virtual camera for other programs, if the kernel has v4l2loopback.
+    """Virtual camera for other programs, provided by the Linux kernel module v4l2loopback.
 
     Raises
     ------

@@ -73,9 +73,7 @@ class LiveSource:
         short.
     timeout_s : s
         Silence after which the stream counts as lost; also the timeout for opening it.
-    patience_s : s
-        Time to retry without a single frame, ``inf`` for no limit.
-    reconnect
+    patience_s : s Time to retry without receiving a frame, ``inf`` for no limit. reconnect
         Whether to reopen a stream that has ended.
     options
         FFmpeg options for opening the source, such as ``{"video_size": "1920x1080"}`` for a camera,
@@ -153,7 +151,7 @@ class LiveSource:
         Raises
         ------
         MediaError
-            If no frame arrives within the patience.
+            If no frame arrives within ``opening_s``.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._is_finished)
@@ -167,7 +165,8 @@ class LiveSource:
         Raises
         ------
         MediaError
-            If no frame arrives within the patience, or the stream cannot be read.
+            If no frame arrives within ``patience_s`` (the first: ``opening_s``), or the stream
+            cannot be read.
         """
         while not interrupts.is_pending():
             with self._changed:
@@ -227,7 +226,7 @@ class LiveSource:
             delay = min(2 * delay, max_delay)
 
     def _remaining_s(self) -> float:
-        """Return the remaining patience, s."""
+        """Return the remaining time for retries, s."""
         patience_s = self.patience_s if self.received else self.opening_s
         return self._last_frame_s + patience_s - time.monotonic()
 
@@ -383,7 +382,7 @@ class Playback:
     on_warning
         Called with a message when a stream is lost and when it is restored.
     opening_s : s
-        Timeout for the first frame of a stream; a stream that has played is waited for without
+        Timeout for the first frame of a stream; after the first frame, retries continue without
         limit.
     stored_orientation
         Yield frames as stored, without the rotation of a display matrix.

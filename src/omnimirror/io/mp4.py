@@ -84,7 +84,7 @@ def make_box(kind: bytes, body: bytes) -> bytes:
 
 
 def change_box(body: bytes, path: list[bytes], change: Callable[[bytes], bytes]) -> bytes:
-    """Return the body of a box with the first box at a path of kinds changed."""
+    """Return the body of a box in which the first box at a path of box types is changed."""
     if not path:
         return change(body)
     parts, is_changed = [], False

@@ -175,7 +175,7 @@ def fit_asphere(mirror: Mirror) -> Asphere:
 
 
 def _compared(mirror: Mirror, form: Asphere) -> Asphere:
-    """Return the approximation with its deviations from the mirror; exact within rounding is 0."""
+    """Return the approximation with its deviations from the mirror; 0 if they are rounding errors."""
     x = nodes(mirror)
     z, slope = form.profile(x)
     worst = float(np.abs(deviation_um(mirror, x, z)).max())

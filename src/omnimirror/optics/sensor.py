@@ -26,12 +26,12 @@ from .mirrors.as_built import MirrorForm, MirrorPose
 from .thermal import Thermal
 from .tracing.meridian import ROUNDING, ChiefRays, Cover, Meridian
 from .tracing.obscuration import (
-    HiddenPart,
+    MirrorObscuration,
     Obscuration,
     Obstructions,
     clear_field_deg,
     cover_of,
-    hidden_parts,
+    mirror_obscurations,
     obscured_rings,
 )
 from .tracing.optical_train import OpticalTrain
@@ -431,18 +431,18 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-            If the mirror is decentred or tilted: use :meth:`hidden_by` for single pixels.
+            If the mirror is decentred or tilted: use :meth:`obscured_by` for single pixels.
         """
         if self.housing.is_empty and self.secondary is None:
             return ()
         return obscured_rings(self.meridian, self._hidden, self._image_fraction)
 
     @cached_property
-    def _hidden(self) -> tuple[HiddenPart, ...]:
+    def _hidden(self) -> tuple[MirrorObscuration, ...]:
         return self._hidden_parts(merged=False)
 
     @cached_property
-    def _hidden_merged(self) -> tuple[HiddenPart, ...]:
+    def _hidden_merged(self) -> tuple[MirrorObscuration, ...]:
         return self._hidden_parts(merged=True)
 
     @cached_property
@@ -473,7 +473,7 @@ class Sensor:
         """Obscured fraction of the area of the image circle, %."""
         return sum(ring.image_percent for ring in self.obscured)
 
-    def hidden_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
+    def obscured_by(self, pixels: ArrayLike) -> dict[str, NDArray[np.bool_]]:
         """Return which pixels (n, 2) each part of the sensor obscures.
 
         Parts are those of the housing and, for two mirrors, the secondary, the bore and the camera.
@@ -500,7 +500,7 @@ class Sensor:
         >>> import omnimirror as om
         >>> from omnimirror.optics.housing import CameraBody, Housing
         >>> sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
-        >>> sensor.hidden_by([[511.5, 511.5], [900.0, 511.5]])
+        >>> sensor.obscured_by([[511.5, 511.5], [900.0, 511.5]])
         {'camera': array([ True, False])}
         """
         pixels = vectors("pixels", pixels, 2)
@@ -511,8 +511,8 @@ class Sensor:
             part: (reflections.valid & (edge < 0)).reshape(shape) for part, edge in edges.items()
         }
 
-    def _hidden_parts(self, merged: bool) -> tuple[HiddenPart, ...]:
-        return hidden_parts(
+    def _hidden_parts(self, merged: bool) -> tuple[MirrorObscuration, ...]:
+        return mirror_obscurations(
             self.meridian, self.obstructions, self.mirror_pose.displacement_mm, merged=merged
         )
 
@@ -670,7 +670,7 @@ class Sensor:
         x, y, z = np.moveaxis(towards, -1, 0)
         distance, cos, sin = _unit(x, y)
         omega = np.arctan2(distance, -z)
-        in_field = self.meridian.sees(omega) & (distance + np.abs(z) > 0)
+        in_field = self.meridian.is_in_field(omega) & (distance + np.abs(z) > 0)
         x_mirror = np.full_like(omega, np.nan)
         x_mirror[in_field] = self.meridian.x_from_omega(omega[in_field])
         return self._image(x_mirror, cos, sin)
@@ -694,7 +694,7 @@ class Sensor:
         Raises
         ------
         InvalidParameter
-            For two mirrors in a tube.
+            If the sensor has two mirrors in a tube.
         """
         if self.housing.shell is not None:
             self.check("ray tracing through a tube or dome", "single mirror")
@@ -717,8 +717,8 @@ class Sensor:
     def lens_rays(self, pixels: ArrayLike, pupil: ArrayLike) -> tuple[Array, Array]:
         """Return the rays of pixels through aperture points to the mirror.
 
-        In the camera frame. A thin lens is ideal except for its distortion; its aperture is the
-        unit disk.
+        Rays are in the camera frame. A thin lens is ideal except for its distortion; its aperture
+        is the unit disk.
 
         Parameters
         ----------

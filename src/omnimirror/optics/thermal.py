@@ -63,7 +63,7 @@ cent."""
 # and liquids.
 INDEX_RATES_PER_K: dict[str, float] = {
     "acrylic": -1.05e-4,  # 589 nm, 20 C; Waxler, Horowitz and Feldman, Appl. Opt. 18, 101 (1979)
-    "polycarbonate": -1.07e-4,  # as acrylic
+    "polycarbonate": -1.07e-4,  # value of acrylic
     "bk7": 3.0e-6,  # 546 nm, 20 to 40 C; Schott N-BK7 (1.6e-6 in vacuum)
     "fused_silica": 1.0e-5,  # 589 nm, 20 C; 8.6e-6 in vacuum: Leviton and Frey, Proc. SPIE 6273, 62732K (2006)
     "sapphire": 1.31e-5,  # ordinary ray, 546 nm; Crystran

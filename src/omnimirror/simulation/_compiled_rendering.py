@@ -47,7 +47,7 @@ class SceneFrame(NamedTuple):
     shift_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
     """World origin (3,), mm."""
     distant: bool = False
-    """True if all rays start there: the scene is at infinity."""
+    """True if all rays start at the world origin: the scene is at infinity."""
 
 
 @lru_cache(maxsize=8)
@@ -196,7 +196,7 @@ class _SceneTransform(NamedTuple):
     turn: Array
     """Rotation (3, 3) from the sensor world."""
     shift_mm: Array
-    """Shift (3,), mm."""
+    """Sensor world origin (3,) in the scene, mm."""
     distant: bool
 
     def frame(self) -> SceneFrame:

@@ -17,7 +17,7 @@ from ..cameras.camera import Camera, Projection, inside_image
 from ..cameras.frames import rotate_vectors
 from ..optics.housing import FlatWindow, Shell
 from ..optics.sensor import Sensor
-from ..optics.tracing.shell_transmission import ShellTransit, passage
+from ..optics.tracing.shell_transmission import ShellTransit, transmit_from_inside
 from .radiometry import Radiometry, camera_front
 from .scenes.scene import MeasurableScene, Scene
 
@@ -219,7 +219,7 @@ class ThroughShell:
         active = np.flatnonzero(~intersects_lid(self.shell, self.lids_mm, points, towards))
         points, towards, share = points[active], towards[active], np.ones(len(active))
         for _ in range(1 + MAX_GHOST_ORDER):
-            transit = passage(self.shell, points, towards)
+            transit = transmit_from_inside(self.shell, points, towards)
             radiance = self.scene.radiance(
                 rotate_vectors(transit.points, turn.T), rotate_vectors(transit.directions, turn.T)
             )
@@ -229,10 +229,10 @@ class ThroughShell:
             points, towards = ghosts.points[ghosts.alive], ghosts.directions[ghosts.alive]
         return light.astype(np.float32)
 
-    def _ghosts(self, passage: ShellTransit) -> _Ghosts:
+    def _ghosts(self, transit: ShellTransit) -> _Ghosts:
         """Return the continuation of reflected rays."""
         mirror = self.sensor.optical_train.posed_mirror
-        points, directions = (passage.met + ORIGIN_OFFSET_MM * passage.reflected, passage.reflected)
+        points, directions = (transit.met + ORIGIN_OFFSET_MM * transit.reflected, transit.reflected)
         reflected = mirror.trace(points, directions)
         points = np.where(
             reflected.valid[:, None],
@@ -264,9 +264,9 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
 
 # -- Pixel rays and obscurations -------------------------------------------------------------------
 
-Fates = NDArray[np.uint8]
+Outcomes = NDArray[np.uint8]
 
-LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # fate of a ray; values of the compiled kernels
+LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # outcome of a ray; values of the compiled kernels
 OUTLINE_LINES = 64  # lines from the vertex to the rim
 
 
@@ -283,8 +283,8 @@ class TracedRays(NamedTuple):
     """Directions (n, 3) at the lens."""
     hit: Mask
     """Mask (n,) of rays that meet the mirror."""
-    fate: Fates
-    """Fate (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod
+    outcome: Outcomes
+    """Outcome (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod
     or rim.
     """
 
@@ -302,14 +302,14 @@ def trace_to_scene(
         np.where(hit[:, None], reflection.points, start),
         np.where(hit[:, None], reflection.directions, towards),
     )
-    fate = np.where(hit, REFLECTED, DIRECT if radiometry.direct_view else LOST).astype(np.uint8)
-    fate[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
+    outcome = np.where(hit, REFLECTED, DIRECT if radiometry.direct_view else LOST).astype(np.uint8)
+    outcome[~np.isfinite(towards[:, 2])] = LOST  # beyond the fold of the distortion
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
-        fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
+        outcome[~sensor.optical_train.passes_lens(start, towards)] = LOST
     obstructions = sensor.obstructions
-    fate[hit & obstructions.meets_front(points, directions, -towards)] = HIDDEN
-    fate[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
-    return TracedRays(points, directions, towards, hit, fate)
+    outcome[hit & obstructions.meets_front(points, directions, -towards)] = HIDDEN
+    outcome[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
+    return TracedRays(points, directions, towards, hit, outcome)
 
 
 def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: Array) -> Array:
@@ -402,7 +402,7 @@ def trace_pixels(
     Raises
     ------
     InvalidParameter
-        For radiometry of another camera, or the housing of two mirrors.
+        If radiometry is given for a camera that is not a sensor, or the housing has two mirrors.
 
     Examples
     --------
@@ -426,19 +426,19 @@ def trace_pixels(
             check_housing_is_rendered(camera)
         rays, hidden = camera.backproject(pixels), np.zeros(len(pixels), dtype=bool)
         if isinstance(camera, Sensor):
-            hidden |= np.logical_or.reduce([*camera.hidden_by(pixels).values()])
+            hidden |= np.logical_or.reduce([*camera.obscured_by(pixels).values()])
             hidden &= inside_image(pixels, camera.image_size) & ~rays.valid
         return PixelRays(rays.origins, _unit(rays.directions), rays.valid, hidden)
     traced, obstructions = (
         trace_to_scene(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
         camera.obstructions,
     )
-    points, directions, hidden = (traced.points, _unit(traced.directions), traced.fate == HIDDEN)
-    valid = (traced.fate == REFLECTED) | (traced.fate == DIRECT)
+    points, directions, hidden = (traced.points, _unit(traced.directions), traced.outcome == HIDDEN)
+    valid = (traced.outcome == REFLECTED) | (traced.outcome == DIRECT)
     if (shell := obstructions.housing.shell) is not None:
         for disc in obstructions.discs:  # lids and the frame of a window
             hidden |= valid & (disc.clearance(points, directions) < 0)
-        transit = passage(shell, points[valid], directions[valid])
+        transit = transmit_from_inside(shell, points[valid], directions[valid])
         points[valid], directions[valid] = transit.points, transit.directions
         valid &= ~hidden
     points[~valid] = directions[~valid] = np.nan

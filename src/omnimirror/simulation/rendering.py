@@ -57,7 +57,7 @@ class Bundle(NamedTuple):
     """Directions (..., 3) in the world frame."""
     weight: NDArray[np.floating]
     """Transmitted fraction of the light; for hidden rays, of the light of the housing."""
-    fate: NDArray[np.uint8]
+    outcome: NDArray[np.uint8]
     """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
 
 
@@ -268,10 +268,10 @@ def _render_scene(
 def gather_light(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     """Return the light (rows, columns, n, 3) along the rays."""
     light = np.zeros(bundle.origins.shape, np.float32)
-    visible = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
+    visible = (bundle.outcome == REFLECTED) | (bundle.outcome == DIRECT)
     light[visible] = scene.radiance(bundle.origins[visible], bundle.directions[visible])
     light *= bundle.weight[..., None]
-    hidden = bundle.fate == HIDDEN
+    hidden = bundle.outcome == HIDDEN
     light[hidden] = radiometry.housing_light * bundle.weight[hidden, None]
     return light
 
@@ -289,9 +289,9 @@ def trace_bundle(
             )
         else:
             origins, directions, valid = camera.backproject(flat)
-        fate = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
+        outcome = np.where(valid, REFLECTED, LOST).astype(np.uint8).reshape(shape)
         return Bundle(
-            origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), fate
+            origins.reshape(*shape, 3), directions.reshape(*shape, 3), np.ones(shape), outcome
         )
     trace_sensor = _trace_natively if is_for_kernels(camera) else _trace_sensor
     return trace_sensor(camera, plan, radiometry, rows, columns)
@@ -302,7 +302,7 @@ def _trace_natively(
 ) -> Bundle:
     shape = (rows.stop - rows.start, columns.stop - columns.start, len(plan.points))
     origins, directions = np.empty((2, *shape, 3), np.float32)
-    weight, fate = np.empty(shape, np.float32), np.empty(shape, np.uint8)
+    weight, outcome = np.empty(shape, np.float32), np.empty(shape, np.uint8)
     optics = native_optics(sensor, radiometry, plan.blur)
     backend.kernels.expose_rays(
         optics,
@@ -314,9 +314,9 @@ def _trace_natively(
         origins,
         directions,
         weight,
-        fate,
+        outcome,
     )
-    return Bundle(origins, directions, weight, fate)
+    return Bundle(origins, directions, weight, outcome)
 
 
 def _trace_sensor(
@@ -326,7 +326,7 @@ def _trace_sensor(
     pixels, pupil = sample_positions(plan, *np.meshgrid(np.r_[columns], np.r_[rows]))
     shape = pixels.shape[:-1]
     pixels, pupil = pixels.reshape(-1, 2), pupil.reshape(-1, 2) * plan.blur
-    points, directions, towards, hit, fate = trace_to_scene(sensor, pixels, pupil, radiometry)
+    points, directions, towards, hit, outcome = trace_to_scene(sensor, pixels, pupil, radiometry)
     along = np.einsum("ni,ni->n", towards, directions) / np.linalg.norm(towards, axis=1)
     gamma = np.pi / 2 - np.arccos(np.clip(along / np.linalg.norm(directions, axis=1), -1, 1)) / 2
     image = sensor.image_plane.flat_mm(pixels)[0]
@@ -337,13 +337,13 @@ def _trace_sensor(
     )
     weight *= np.where(hit, radiometry.returned(gamma), 1.0)
     weight[hit] *= front_shade(sensor, points[hit], directions[hit], -towards[hit])
-    weight[fate == LOST] = 0.0
+    weight[outcome == LOST] = 0.0
     rotation = sensor.mount.rotation().T
     return Bundle(
         rotate_vectors(points, rotation).reshape(*shape, 3),
         rotate_vectors(directions, rotation).reshape(*shape, 3),
         weight.reshape(shape),
-        fate.reshape(shape),
+        outcome.reshape(shape),
     )
 
 

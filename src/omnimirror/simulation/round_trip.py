@@ -64,7 +64,7 @@ class RoundTrip(Result):
     predicted_px: Array
 
     @property
-    def blur_share(self) -> float:
+    def blur_fraction(self) -> float:
         """Fraction of the mean squared error of the blurred image that is due to blur, 0 to 1."""
         return float(1 - 10 ** ((self.blurred_db - self.exact_db) / 10))
 

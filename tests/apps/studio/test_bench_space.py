@@ -102,7 +102,7 @@ def test_obscuration_matches_sensor():
     sensor = SENSORS["dome"]
     rays = rays_of(sensor)
     hidden = np.any(
-        [*sensor.hidden_by(np.stack([rays["u_px"], rays["v_px"]], axis=-1)).values()], axis=0
+        [*sensor.obscured_by(np.stack([rays["u_px"], rays["v_px"]], axis=-1)).values()], axis=0
     )
     np.testing.assert_array_equal(rays["is_hidden"] > 0, hidden)
     assert 0 < hidden.sum() < len(hidden)

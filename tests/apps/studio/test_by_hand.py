@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.apps.studio._bench_requirements import requirements_for, slider_violations
-from omnimirror.apps.studio._bench_sensors import bent, sensor_on_bench, why_not_optimised
+from omnimirror.apps.studio._bench_sensors import deformed, sensor_on_bench, why_not_optimised
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio.bench_messages import CurveEdit, SearchTask, SliderRequest, SliderValues
 from omnimirror.base.errors import OmnimirrorError
@@ -32,7 +32,7 @@ def test_dragged_profile_passes_through_point(name):
     for share in (0.3, 0.75, 1.0):
         x = share * rim
         wanted = float(sensor.mirror.sag(x)) - 0.002 * rim
-        mirror = bent(sensor, CurveEdit(of="profile", at=x, to=wanted)).mirror
+        mirror = deformed(sensor, CurveEdit(of="profile", at=x, to=wanted)).mirror
         assert float(mirror.sag(x)) == pytest.approx(wanted, abs=1e-9)
         moved = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
         assert abs(moved[0]) < 1e-12
@@ -48,7 +48,7 @@ def test_dragged_mapping_passes_through_point(name):
     for share in (0.2, 0.5, 0.8):
         omega = low + share * (high - low)
         wanted = float(om.evaluate(sensor, [omega]).h_px[0]) * 1.02
-        moved = bent(sensor, CurveEdit(of="mapping", at=omega, to=wanted))
+        moved = deformed(sensor, CurveEdit(of="mapping", at=omega, to=wanted))
         assert om.evaluate(moved, [omega]).h_px[0] == pytest.approx(wanted, abs=0.02)
         assert moved.rim_radius_px == pytest.approx(sensor.rim_radius_px, abs=1e-4)
         np.testing.assert_allclose(moved.field_deg, sensor.field_deg, atol=1e-4)
@@ -57,11 +57,11 @@ def test_dragged_mapping_passes_through_point(name):
 def test_infeasible_deformations_are_rejected():
     sphere = om.load_sensor("paper-spherical")
     with pytest.raises(OmnimirrorError, match="the image height must increase"):
-        bent(sphere, CurveEdit(of="mapping", at=68.0, to=500.0))
+        deformed(sphere, CurveEdit(of="mapping", at=68.0, to=500.0))
     with pytest.raises(OmnimirrorError, match=r"can be dragged from 0.8781 to 43.905 mm"):
-        bent(sphere, CurveEdit(of="profile", at=0.1, to=1.0))
+        deformed(sphere, CurveEdit(of="profile", at=0.1, to=1.0))
     with pytest.raises(OmnimirrorError, match="this sensor has two"):
-        bent(om.load_sensor("folded-spherical"), CurveEdit(of="profile", at=10.0, to=1.0))
+        deformed(om.load_sensor("folded-spherical"), CurveEdit(of="profile", at=10.0, to=1.0))
 
 
 def test_slider_range_agrees_with_verdicts():

@@ -63,7 +63,7 @@ def test_ctrl_c_ends_server_with_open_connections(before, tmp_path):
             stream.send("next")
             assert stream.recv()
             upload.sendall(f"{head}Expect: 100-continue\r\n\r\n".encode())
-            assert upload.recv(100).startswith(b"HTTP/1.1 100")  # it now waits for the rest
+            assert upload.recv(100).startswith(b"HTTP/1.1 100")  # the server now waits for the rest
             upload.sendall(b"abc")
             server.send_signal(signal.SIGINT)
             said = server.communicate()

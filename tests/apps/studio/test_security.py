@@ -159,7 +159,7 @@ def test_command_line_reads_files_beside_sensor_file(tmp_path):
 # ----------------------------------------------------------------------------------------
 
 
-def test_no_question_exceeds_accepted_size(client):
+def test_requests_are_within_accepted_size(client):
     """Limit of the announced length."""
     huge = b" " * (MAX_MESSAGE_BYTES + 1)
     for path in (
@@ -529,7 +529,7 @@ def test_request_without_file_is_rejected():
         async def receive():
             return {"type": "http.request", "body": data, "more_body": False}
 
-        return await _uploads.collected(Request({"type": "http"}, receive))
+        return await _uploads.uploaded_file(Request({"type": "http"}, receive))
 
     assert in_a_loop(of(b"file")) == b"file"
     with pytest.raises(MediaError, match="the uploaded file is empty"):

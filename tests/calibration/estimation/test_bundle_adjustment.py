@@ -23,7 +23,7 @@ from omnimirror.calibration.estimation._residuals import (
     eliminate_line_positions,
     linearise,
     residuals_at_poses,
-    slid,
+    slide_steps,
     targets,
 )
 from omnimirror.calibration.estimation.observations import (
@@ -125,7 +125,11 @@ def everything(model=TRUTH, steps=None):
         for name, x in (("left", 40.0), ("right", -60.0))
     ]
     observations = [mixed, *wall]
-    shared, poses, slides = steps or (np.zeros(len(VALUES) + 13), np.zeros((3, 6)), np.zeros(26))
+    shared, poses, line_positions_mm = steps or (
+        np.zeros(len(VALUES) + 13),
+        np.zeros((3, 6)),
+        np.zeros(26),
+    )
     names = [p.name for p in model.parameters]
     shape = BoardShape.flat(points).with_values(
         rng.uniform(-0.1, 0.1, 5) + shared[len(names) : len(names) + 5]
@@ -133,7 +137,9 @@ def everything(model=TRUTH, steps=None):
     model = model.with_parameters(VALUES + shared[: len(names)])
     ways = moved([o.pose for o in observations], poses)
     marks = rng.uniform(-5, 5, 8) + shared[len(names) + 5 :]
-    return Estimate(model, ways, shape, rng.uniform(-5, 5, 26) + slides, marks), observations
+    return Estimate(
+        model, ways, shape, rng.uniform(-5, 5, 26) + line_positions_mm, marks
+    ), observations
 
 
 def test_derivatives_match_central_differences():
@@ -169,9 +175,9 @@ def test_derivatives_match_central_differences():
     for j in range(6):
         by_pose = difference(1, (slice(None), j), 1e-6 if j < 3 else 1e-3)
         np.testing.assert_allclose(found.d_pose[:, :, j], by_pose, rtol=1e-5, atol=1e-6)
-    assert found.d_slide is not None
+    assert found.d_line_position is not None
     np.testing.assert_allclose(
-        found.d_slide, difference(2, slice(None), 1e-3), rtol=1e-5, atol=1e-6
+        found.d_line_position, difference(2, slice(None), 1e-3), rtol=1e-5, atol=1e-6
     )
 
 
@@ -205,10 +211,10 @@ def test_steps_along_lines_minimise_linear_residuals():
     stack, rng = stacked(observations), np.random.default_rng(1)
     found = linearise(estimate, stack)
     shared, poses = rng.normal(size=found.d_shared.shape[2]), rng.normal(size=(3, 6))
-    steps = slid(found, stack, shared, poses)
-    after = found.residuals + found.d_shared @ shared + found.d_slide * steps[:, None]
+    steps = slide_steps(found, stack, shared, poses)
+    after = found.residuals + found.d_shared @ shared + found.d_line_position * steps[:, None]
     after += np.array([d @ poses[i] for d, i in zip(found.d_pose, stack.owner, strict=True)])
-    assert np.abs(np.sum(after * found.d_slide, axis=1)).max() < 1e-9 * np.abs(after).max()
+    assert np.abs(np.sum(after * found.d_line_position, axis=1)).max() < 1e-9 * np.abs(after).max()
     assert (steps[18:] == 0).all()
     assert (steps[:18] != 0).all()
 
@@ -265,7 +271,7 @@ def test_unseen_points_have_residuals_beyond_any_other():
 def test_displacement_along_line_image_is_no_residual(rate):
     """Any pixel displacement per millimetre along the line is supported, including a line imaged
     end-on."""
-    slides = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
+    line_positions_mm = rate * np.array([[0.6, 0.8], [-0.8, 0.6], [0.0, 0.0]])
     both = np.array([[3.0, 4.0], [3.0, 4.0], [3.0, 4.0]])
     found = eliminate_line_positions(
         Linearised(
@@ -273,7 +279,7 @@ def test_displacement_along_line_image_is_no_residual(rate):
             np.ones(3, bool),
             both[:, :, None] * [1.0, -2.0],
             np.tile(both[:, :, None], 6),
-            slides,
+            line_positions_mm,
         )
     )
     left = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]])

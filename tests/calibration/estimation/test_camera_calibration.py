@@ -134,7 +134,7 @@ def test_only_wrong_corners_are_rejected():
         pytest.param(0.08, 4.0, marks=pytest.mark.full),
     ],
 )
-def test_wrong_corners_are_rejected_or_reported_at_any_rate(share, largest_px):
+def test_wrong_corners_are_rejected_or_reported(share, largest_px):
     """Outliers up to 5 % are rejected; a note counts and locates those that remain."""
     random, wrong, seen = np.random.default_rng(0), set(), []
     for detection in detections(count=10, seed=1):

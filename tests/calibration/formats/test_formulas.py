@@ -210,7 +210,7 @@ def kalibr(camera, points):
     ],
 )
 @pytest.mark.parametrize("flip", [False, True])
-def test_kalibrs_formulas(tmp_path, to, camera, most_deg, flip):
+def test_kalibr_formulas(tmp_path, to, camera, most_deg, flip):
     made = om.convert(camera, tmp_path / "camchain.yaml", to=to, flip=flip)
     assert made.exact
     file = yaml.safe_load((tmp_path / "camchain.yaml").read_text())["cam0"]

@@ -61,7 +61,7 @@ def test_each_view_is_selected_once_and_sharp(video):
 
 
 @pytest.mark.full
-def test_the_most_different_ones_come_first(video):
+def test_most_different_frames_come_first(video):
     used = [d for d in om.select_frames(video, BOARD, count=3) if d.used]
     middles = np.array([d.corners_px.mean(axis=0) for d in used])
     assert len(used) == 3

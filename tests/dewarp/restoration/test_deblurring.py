@@ -162,7 +162,7 @@ def test_noise_is_not_amplified(smaller: Restorer, level: float):
         np.uint8
     )
     restored = smaller(noisy, 0.01)
-    where = smaller.share > 0.9
+    where = smaller.fraction > 0.9
     assert restored[where].std() < 0.5 * noisy[where].std()
     assert restored[where].mean() == pytest.approx(noisy[where].mean(), abs=0.5)
 
@@ -178,7 +178,7 @@ def test_edges_do_not_ring(small: Restorer):
     )
     sharp = om.render_image(small.camera, om.Environment(np.ascontiguousarray(light)), samples=16)
     restored = small(blurred, 0.01).astype(float)
-    where = (small.share > 0.9) & (small.radius > 40)
+    where = (small.fraction > 0.9) & (small.radius > 40)
     low, high = np.percentile(sharp[where], [1, 99])
     assert restored[where].max() < high + 0.03 * 255
     assert restored[where].min() > low - 0.03 * 255
@@ -200,7 +200,7 @@ def test_restoration_preserves_alpha_and_outside(smaller: Restorer):
     picture = np.random.default_rng(0).integers(0, 255, (160, 160, 4), dtype=np.uint8)
     restored = smaller(picture, 0.05, 1.0)
     np.testing.assert_array_equal(restored[..., 3], picture[..., 3])
-    outside = smaller.share == 0
+    outside = smaller.fraction == 0
     np.testing.assert_array_equal(restored[outside], picture[outside])
     assert (restored[~outside] != picture[~outside]).any()
 
@@ -268,9 +268,9 @@ def test_overestimated_blur_is_reduced(small: Restorer, scene: om.Environment, t
         small.camera, scene, samples=64, blur=True
     ) + 2.55 * np.random.default_rng(1).standard_normal(3)
     picture = np.clip(noisy, 0, 255).astype(np.uint8)
-    assert small.shown_share(picture, 0.01) == 1
+    assert small.blur_fraction(picture, 0.01) == 1
     told = Restorer(small.camera, specified=small.known.scaled(times).sizes)
-    assert told.shown_share(picture, 0.01) * times == pytest.approx(1.0, abs=0.25)
+    assert told.blur_fraction(picture, 0.01) * times == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.parametrize(
@@ -291,7 +291,7 @@ def test_large_blur_on_small_image_is_reduced(name: str, world):
     picture = np.rint(np.clip(taken, 0, 255)).astype(np.uint8)
     known = Restorer(sensor).known
     for times in (1, 1.5, 1.9, 2):
-        removed = times * Restorer(sensor, specified=known.scaled(times).sizes).shown_share(
+        removed = times * Restorer(sensor, specified=known.scaled(times).sizes).blur_fraction(
             picture, 0.01
         )
         assert removed < 1.15, times
@@ -304,8 +304,8 @@ def test_blur_of_texture_and_plain_images(
     """Grain on a uniform surface: with the specified noise, and as texture above it."""
     grain = 0.5 + 0.01 * np.random.default_rng(5).standard_normal((160, 160))
     picture = np.rint(255 * grain).astype(np.uint8)
-    assert smaller.shown_share(picture, 0.01) == 1
-    assert smaller.shown_share(picture, 0.007) < 0.9
+    assert smaller.blur_fraction(picture, 0.01) == 1
+    assert smaller.blur_fraction(picture, 0.007) < 0.9
 
 
 @pytest.mark.parametrize(
@@ -380,7 +380,7 @@ def test_removed_blur_does_not_exceed_actual_blur(
     if stops == 0:
         assert found.mean() > (1 if name == "paper-hyperboloidal" or kind == "leaves" else 0.4)
     if stops is None:
-        assert restorer.decide(image, 0.01).share < 0.3
+        assert restorer.decide(image, 0.01).fraction < 0.3
 
 
 def _disk(diameter_px: float):
@@ -411,7 +411,7 @@ def test_uniform_blur_that_is_specified_too_large_does_no_harm(
     noise = 0.01 * np.random.default_rng(1).standard_normal(light.shape)
     image = np.rint(255 * np.clip(srgb_from_linear(light) + noise, 0, 1)).astype(np.uint8)
     restorer = Restorer(ball, specified=specified)
-    share = restorer.decide(image, 0.01).share
+    share = restorer.decide(image, 0.01).fraction
     found = _tenths(restorer, sharp, image, restorer(image, 0.01, share))
     assert found.min() > -0.3
     assert found.mean() > (3 if actual == specified else -0.1)
@@ -436,10 +436,10 @@ def test_sharpened_image_is_unchanged(shared_data: Path, name: str, amount: floa
         coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), 85) for v in (plain, sharpened)
     )
     decision = restorer.decide(sharpened)
-    assert decision.share == 0
+    assert decision.fraction == 0
     assert "overshoot" in decision.reason
     np.testing.assert_array_equal(restorer(sharpened), sharpened)
-    assert restorer.decide(plain).share > 0.8
+    assert restorer.decide(plain).fraction > 0.8
 
 
 @pytest.mark.parametrize(
@@ -466,18 +466,18 @@ def test_weakly_sharpened_image_is_restored_partially(
         coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), quality) for v in (plain, sharpened)
     )
     decision = restorer.decide(sharpened)
-    assert decision.share < 0.5
+    assert decision.fraction < 0.5
     assert "overshoot" in decision.reason
-    restored = restorer(sharpened, share=decision.share)
+    restored = restorer(sharpened, fraction=decision.fraction)
     assert _tenths(restorer, _rendered(sensor, scene, None), sharpened, restored).min() > -0.3
-    assert restorer.decide(plain).share == 1
+    assert restorer.decide(plain).fraction == 1
 
 
 @pytest.mark.parametrize("quality", [85, pytest.param(70, marks=pytest.mark.full)])
 def test_coding_ringing_is_not_sharpening(small: Restorer, scene: om.Environment, quality: int):
     """Sharp edges everywhere, where coding errors overshoot by more than a sharpened photograph does."""
     image = coded(om.render_image(small.camera, scene, samples=64, blur=True), quality)
-    assert small.decide(image).share > 0.5
+    assert small.decide(image).fraction > 0.5
 
 
 @pytest.mark.parametrize(

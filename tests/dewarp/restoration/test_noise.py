@@ -47,7 +47,7 @@ def as_jpeg(picture, quality: int) -> tuple[bytes, np.ndarray]:
 def test_white_noise_estimate(light, inside, noise: float):
     found = om.estimate_noise(noisy(light, noise), where=inside)
     assert found.kind == "white"
-    assert found.share == pytest.approx(noise, rel=0.25)
+    assert found.fraction == pytest.approx(noise, rel=0.25)
 
 
 @pytest.mark.parametrize("quality", [95, 90, 85, 75, 60, 50])
@@ -61,7 +61,7 @@ def test_coding_error_estimate_with_and_without_file(light, inside, tmp_path, qu
     for file in (tmp_path / "a.jpg", None):
         found = om.estimate_noise(picture, file, where=inside)
         assert found.kind == "JPEG"
-        assert found.share == pytest.approx(truth, rel=0.25)
+        assert found.fraction == pytest.approx(truth, rel=0.25)
 
 
 @pytest.mark.parametrize("quality", [92, 75, 60])
@@ -73,18 +73,18 @@ def test_texture_is_not_residual_coding_noise(inside, quality: int):
     for noise in (0.003, 0.03):
         picture = as_jpeg(noisy(textured, noise), quality)[1]
         truth = rms(picture, textured, inside)
-        assert om.estimate_noise(picture, where=inside).share == pytest.approx(truth, rel=0.25)
+        assert om.estimate_noise(picture, where=inside).fraction == pytest.approx(truth, rel=0.25)
 
 
 def test_visible_fraction_of_coding_error(light, inside):
     """Only for noise below the quantisation steps; the finer the steps, the larger its fraction."""
     shares = [
-        om.estimate_noise(as_jpeg(noisy(light, 0.01), q)[1], where=inside).visible_share
+        om.estimate_noise(as_jpeg(noisy(light, 0.01), q)[1], where=inside).visible_fraction
         for q in (60, 85, 95)
     ]
     assert shares[0] < 0.35
     assert shares == sorted(shares)
-    assert om.estimate_noise(noisy(light, 0.01), where=inside).visible_share == 1
+    assert om.estimate_noise(noisy(light, 0.01), where=inside).visible_fraction == 1
 
 
 def test_previous_coding_is_not_attributed_to_file(tmp_path):
@@ -94,8 +94,8 @@ def test_previous_coding_is_not_attributed_to_file(tmp_path):
     ).repeat(3, axis=2)
     (tmp_path / "a.jpg").write_bytes(as_jpeg(slope, 95)[0])
     found = om.estimate_noise(slope, tmp_path / "a.jpg")
-    assert found.share == pytest.approx(0.005)
-    assert found.visible_share > 0.8
+    assert found.fraction == pytest.approx(0.005)
+    assert found.visible_fraction > 0.8
 
 
 @pytest.mark.parametrize("quality", [90, 75, 50])
@@ -105,7 +105,7 @@ def test_coding_error_of_grey_and_full_chroma_images(light, inside, quality: int
         cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_UNCHANGED
     )
     truth = rms(decoded, light.mean(axis=2), inside)
-    assert om.estimate_noise(decoded, where=inside).share == pytest.approx(truth, rel=0.25)
+    assert om.estimate_noise(decoded, where=inside).fraction == pytest.approx(truth, rel=0.25)
     fine = [
         cv2.IMWRITE_JPEG_QUALITY,
         quality,
@@ -131,7 +131,7 @@ def test_demosaiced_noise_estimate(light, inside, code: int):
     left = (picture.astype(float) - demosaiced(noisy(light, 0.0)))[inside] / 255
     found = om.estimate_noise(picture, where=inside)
     assert found.kind == "demosaiced"
-    assert found.share == pytest.approx(np.sqrt((left**2).mean()), rel=0.25)
+    assert found.fraction == pytest.approx(np.sqrt((left**2).mean()), rel=0.25)
 
 
 def test_linear_noise_increases_with_light(light, inside):
@@ -153,7 +153,7 @@ def test_linear_noise_increases_with_light(light, inside):
 def test_noise_estimate_of_16_bit_image(light, inside):
     srgb = srgb_from_linear(light) + 0.002 * np.random.default_rng(1).standard_normal(light.shape)
     deep = np.rint(65535 * np.clip(srgb, 0, 1)).astype(np.uint16)
-    assert om.estimate_noise(deep, where=inside).share == pytest.approx(0.002, rel=0.25)
+    assert om.estimate_noise(deep, where=inside).fraction == pytest.approx(0.002, rel=0.25)
 
 
 def test_jpeg_coding_matches_encoder(light, tmp_path):
@@ -195,7 +195,7 @@ def test_invalid_noise_input_raises(tmp_path):
         om.estimate_noise(np.zeros((8, 8), np.uint8), where=np.ones((4, 4), bool))
     with pytest.raises(MediaError, match="cannot read"):
         om.estimate_noise(np.zeros((8, 8), np.uint8), tmp_path / "none.jpg")
-    assert 0 < om.estimate_noise(np.zeros((5, 5), np.uint8)).share < 0.01  # smaller than a block
+    assert 0 < om.estimate_noise(np.zeros((5, 5), np.uint8)).fraction < 0.01  # smaller than a block
 
 
 @pytest.mark.full
@@ -208,7 +208,7 @@ def test_coding_error_of_leaves(name: str):
     inside = np.hypot(rows, columns) < 0.95 * sensor.rim_radius_px
     for quality in (85, 75, 60, 50):
         picture = as_jpeg(noisy(light, 0.01), quality)[1]
-        assert om.estimate_noise(picture, where=inside).share == pytest.approx(
+        assert om.estimate_noise(picture, where=inside).fraction == pytest.approx(
             rms(picture, light, inside), rel=0.25
         )
 
@@ -217,4 +217,4 @@ def test_linear_and_srgb_estimates_agree(light, inside):
     """Uniform noise in sRGB, reported for linear light: its mean deviation is close to the added
     one."""
     picture = linear_from_srgb(noisy(light, 0.02) / 255.0)
-    assert om.estimate_noise(picture, where=inside).share == pytest.approx(0.02, rel=0.35)
+    assert om.estimate_noise(picture, where=inside).fraction == pytest.approx(0.02, rel=0.35)

@@ -153,7 +153,7 @@ def test_kernel_intersects_rays_with_the_mirror(kind, kernels):
         tables.surface(tuple(pupil), False),
         SEARCH.until(TOLERANCE),
         tables.depth,
-        tables.most_tangent,
+        tables.max_tangent,
         directions,
         rows,
         states,

@@ -90,7 +90,7 @@ def test_sequential_and_vectorised_trials_agree(name, refocus):
     ):  # in this case, points of a tilted imager are focused together with its centre, to 0.02 px
         values["imager.tilt_x_deg"] = values["imager.tilt_y_deg"] = np.zeros(2)
     field = field_of(sensor, angles=4, azimuths=7)
-    shown, lost, focus = field.shown(values, refocus=refocus)
+    shown, lost, focus = field.images_and_focus(values, refocus=refocus)
     again, lost_again, focus_again = sequential_images(
         sensor, values, 2, RayEndpoints(field.targets, field.distant), refocus=refocus
     )
@@ -138,7 +138,7 @@ def test_other_sensors_match_forward_projection(kind):
     field = field_of(
         sensor, field_deg=(low + 0.1 * (high - low), low + 0.9 * (high - low)), angles=3, azimuths=5
     )
-    shown, lost, _ = field.shown(values)
+    shown, lost, _ = field.images_and_focus(values)
     built = perturbed(sensor, one(values))
     found = built.project_directions(field.targets @ sensor._axes.T)
     assert found.valid.all()
@@ -199,7 +199,7 @@ def test_perturbed_folded_sensor_keeps_the_field():
     with pytest.raises(SelfObstruction, match="the secondary must image the mirror up to its rim"):
         _ = perturbed(sensor, one(values)).field_deg
     field = field_of(sensor, angles=3, azimuths=4)
-    shown, lost, _ = field.shown(values)
+    shown, lost, _ = field.images_and_focus(values)
     assert not lost.any()
     assert 0.5 < np.abs(shown.offsets_px[0] - field.offsets_px).max() < 20.0
 

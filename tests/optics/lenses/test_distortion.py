@@ -191,8 +191,8 @@ def test_compiled_rays_match_double_precision(terms, pose):
         f(sensor, plan, Radiometry(vignetting=1.0), *part)
         for f in (rays._trace_natively, rays._trace_sensor)
     )
-    assert np.mean(fast.fate != slow.fate) < 1e-4
-    seen = (fast.fate == slow.fate) & (slow.fate == rays.REFLECTED)
+    assert np.mean(fast.outcome != slow.outcome) < 1e-4
+    seen = (fast.outcome == slow.outcome) & (slow.outcome == rays.REFLECTED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-5)
     np.testing.assert_allclose(fast.origins[seen], slow.origins[seen], atol=2e-4)
     a, b = (
@@ -300,8 +300,8 @@ def test_fold_is_the_first_maximum():
         ((0.2, 0.0, 0.0), 6),
         ((0.5, -0.2, 0.01), 7),
         ((4.0, 0.0, 0.0), 13),
-        ((0.9, -1.9, 0.6), 7),  # by the lower end of the bracket
-        ((-0.1, 0.8, -0.8), 7),  # by its upper end
+        ((0.9, -1.9, 0.6), 7),  # fold at the lower end of the bracket
+        ((-0.1, 0.8, -0.8), 7),  # fold at its upper end
     ],
 )
 def test_radii_are_inverted_in_few_steps(k, steps, monkeypatch):

@@ -176,7 +176,7 @@ def test_rendered_rays_start_at_entrance_pupil(pair):
     sensor = sensor_of(pair)
     plan, part = sampling_plan(8, True), (slice(300, 302), slice(200, 240))
     ours, plain = (f(sensor, plan, Radiometry(), *part) for f in (_trace_natively, _trace_sensor))
-    assert (ours.fate == plain.fate).all()
+    assert (ours.outcome == plain.outcome).all()
     assert np.abs(unit(ours.directions) - unit(plain.directions)).max() < 1e-5
     assert np.abs(ours.origins - plain.origins).max() < 1e-3
 

@@ -192,7 +192,7 @@ def test_rendered_rays_reach_their_pixels(sensor):
     """Rays of the renderer, traced back through the glass from their mirror points."""
     plan = sampling_plan(8, True)
     bundle = trace_bundle(sensor, plan, Radiometry(), slice(300, 301), slice(400, 420))
-    assert (bundle.fate == 1).all()
+    assert (bundle.outcome == 1).all()
     rng = np.random.default_rng(0)
     image, pupil = rng.uniform(-2, 2, (50, 2)), 0.9 * rng.uniform(-0.7, 0.7, (50, 2))
     origins, directions = sensor.lens.rays(image, pupil)

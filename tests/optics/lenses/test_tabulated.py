@@ -265,7 +265,7 @@ def test_entries_have_the_documented_defaults():
     np.testing.assert_allclose(nodes.tangent, tangent)
     np.testing.assert_allclose(nodes.height, lens.image_height_mm)
     np.testing.assert_allclose(nodes.illumination, np.cos(np.radians(lens.field_deg)) ** 4)
-    for ones in ("width_t", "width_s", "stop_t", "stop_s", "openness"):
+    for ones in ("width_t", "width_s", "stop_t", "stop_s", "unvignetted_fraction"):
         assert getattr(nodes, ones).tolist() == [1.0] * 4
     for zeros in ("shift_t", "own_t", "own_s", "short", "long", "stop_shift"):
         assert getattr(nodes, zeros).tolist() == [0.0] * 4
@@ -395,7 +395,7 @@ def test_barrel_vignetting_matches_rays():
         assert dimmed.blur_s_px[k] / plain.blur_s_px[k] == pytest.approx(widths[1], abs=0.02)
     assert light[1] / light[0] == pytest.approx(shares, abs=0.01)
     assert om.illumination(cut, angles).filled == pytest.approx(shares, abs=0.01)
-    assert om.spots(cut, angles).filled == pytest.approx(shares, abs=0.04)  # of 469 rays
+    assert om.spots(cut, angles).filled == pytest.approx(shares, abs=0.04)  # sampled by 469 rays
     assert shares[0] == 1.0
     assert shares[-1] < 0.6  # a significant effect
     narrow, wide = (om.spots(s, [130.0], focus_mm=190.0).extent_px()[0].item() for s in (cut, bare))
@@ -471,7 +471,7 @@ def test_barrel_beyond_the_focus_rejected(barrel_mm):
 def test_barrel_at_the_pupil_may_have_its_size():
     _, cut = barrelled(om.load_sensor("paper-spherical"), barrel_mm=6.0, barrel_diameter_mm=2.9)
     assert 2 * cut.lens.aperture_radius == 2.9
-    assert cut.lens.field.nodes.openness.tolist() == [1.0] * SEEN
+    assert cut.lens.field.nodes.unvignetted_fraction.tolist() == [1.0] * SEEN
     with pytest.raises(OmnimirrorError, match="must not vignette the bundle on the axis"):
         replace(cut.lens, barrel_diameter_mm=2.8999)
 

@@ -193,7 +193,7 @@ def test_orthographic_mappings_are_conics():
     np.testing.assert_allclose(
         Equidistant(135.0, 0.0, M).sag(x), -2 / k * np.log(np.cos(k * x / 2)), rtol=1e-12
     )
-    flat = np.tan(np.radians(75)) / M  # by quadrature of the law of reflection
+    flat = np.tan(np.radians(75)) / M  # quadrature of the law of reflection
     nodes, weights = np.polynomial.legendre.leggauss(60)
     slope = np.tan(np.arctan(flat * x[:, None] * (nodes + 1) / 2) / 2)
     np.testing.assert_allclose(Rectifying(75.0, 0.0, M).sag(x), slope @ weights * x / 2, rtol=1e-12)

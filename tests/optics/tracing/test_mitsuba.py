@@ -55,7 +55,7 @@ def meshed(mi, sensor, rings, spokes):
     mesh = mi.Mesh("mirror", len(points), len(faces), has_vertex_normals=True)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = pose.to_camera(points).ravel().tolist()
-    parameters["vertex_normals"] = pose.turned_to_camera(normals).ravel().tolist()
+    parameters["vertex_normals"] = pose.rotate_to_camera(normals).ravel().tolist()
     parameters["faces"] = faces.ravel().tolist()
     parameters.update()
     return mi.load_dict({"type": "scene", "mirror": mesh})
@@ -130,7 +130,7 @@ def spherical(mi, sensor):
 def test_reflection_on_mitsuba_sphere(mi, pose, beside):
     sensor = replace(sensor_of("sphere"), mirror_pose=pose)
     worst_deg, _, worst_px = differences(mi, sensor, spherical(mi, sensor), 1500)
-    # single precision is all that is left
+    # the difference is single-precision rounding
     beside(
         "Mitsuba 3",
         "directions of pixels, analytic sphere of Mitsuba",

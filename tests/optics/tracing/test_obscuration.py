@@ -118,7 +118,7 @@ def test_obscured_pixels_match_rings(name):
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians(omega)))
     height, turn = sensor.image_height_px(rays), np.radians(37.0)
     pixels = 511.5 + np.stack([height * np.cos(turn), height * np.sin(turn)], axis=-1)
-    for part, hidden in sensor.hidden_by(pixels).items():
+    for part, hidden in sensor.obscured_by(pixels).items():
         rings = [r.omega_deg for r in sensor.obscurations if r.part == part]
         edges = np.array(rings).ravel()
         clear = (np.abs(omega[:, None] - edges) > EDGE_DEG).all(axis=1)
@@ -141,7 +141,7 @@ def test_misaligned_obscured_pixels_match_marched_rays(name, pose):
     pixels = np.concatenate([pixels, 511.5 + np.random.default_rng(2).normal(0.0, 60.0, (100, 2))])
     start, towards = sensor.lens_rays(pixels, np.zeros(2))
     rays = sensor.optical_train.posed_mirror.trace(start, towards)
-    said = sensor.hidden_by(pixels)
+    said = sensor.obscured_by(pixels)
     count = 0
     for i in np.flatnonzero(rays.valid):
         mine = [d for d in discs if d[0] == "rim"]
@@ -150,7 +150,7 @@ def test_misaligned_obscured_pixels_match_marched_rays(name, pose):
         )
         there = pose.to_mirror(rays.points[i])
         found |= met(
-            mine, [], there, pose.turned_to_mirror(rays.directions[i]), there - [0.0, 0.0, 1.0]
+            mine, [], there, pose.rotate_to_mirror(rays.directions[i]), there - [0.0, 0.0, 1.0]
         )
         assert {part for part, hidden in said.items() if hidden[i]} == found
         count += bool(found)
@@ -166,7 +166,7 @@ def test_displaced_rod_ring_matches_pixels(shift):
     )
     pixels = [[511.5 + height, 511.5] for height in sensor.image_height_px(edges)]
     assert low == 0.0
-    assert sensor.hidden_by(pixels)["rod"].tolist() == [True, False]
+    assert sensor.obscured_by(pixels)["rod"].tolist() == [True, False]
 
 
 def test_overlapping_rings_merged():
@@ -212,7 +212,7 @@ def test_two_mirror_obscuration_and_supports():
     (ring,) = folded.obscurations
     rays = folded.backproject([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)])
     hidden = np.any(
-        [*folded.hidden_by([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)]).values()], axis=0
+        [*folded.obscured_by([[511.5, 511.5 + r] for r in (0.0, 60.0, 70.0)]).values()], axis=0
     )
     assert hidden.tolist() == (~rays.valid).tolist() == [True, True, False]
     truth = om.ground_truth(folded, om.Room(texel_mm=40.0))

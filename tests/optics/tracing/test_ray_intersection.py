@@ -236,7 +236,7 @@ def test_misaligned_reflection_matches_high_precision(x, y, tip, side, kind):
     mp.mp.dps = 30
     origin, direction = (
         pose.to_mirror([[float(v) for v in o]])[0],
-        pose.turned_to_mirror([[float(v) for v in d]])[0],
+        pose.rotate_to_mirror([[float(v) for v in d]])[0],
     )
 
     def sag(u, v):

@@ -72,12 +72,12 @@ def test_surface_evaluation_count(monkeypatch):
     """The measure is work: points of the exact surface over all steps."""
     evaluated = []
 
-    class Counted(MirrorSurface):
+    class EvaluableField(MirrorSurface):
         def __init__(self, mirror, xy, form=NO_FORM):
             evaluated.append(len(xy))
             super().__init__(mirror, xy, form)
 
-    monkeypatch.setattr(reflection, "MirrorSurface", Counted)
+    monkeypatch.setattr(reflection, "MirrorSurface", EvaluableField)
     pupils, targets = ends_about("sphere", True, False)
     inside = RayEndpoints(
         targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True

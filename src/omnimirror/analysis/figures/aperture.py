@@ -118,8 +118,8 @@ def mtf_curves(mtf: Mtf) -> Figure:
                 color=colour,
                 gid=f"mtf_s:{omega:g}",
             )
-        for look, name in (("-", "tangential"), ("--", "sagittal")):
-            ax.plot([], [], look, color=INK, label=name)
+        for style, name in (("-", "tangential"), ("--", "sagittal")):
+            ax.plot([], [], style, color=INK, label=name)
         ax.legend(
             loc="upper right",
             frameon=False,

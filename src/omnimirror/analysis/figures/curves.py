@@ -40,8 +40,8 @@ from .subjects import Subject, widest
 
 # -- Curves against the field angle ----------------------------------------------------------------
 
-OBJECT_DISTANCES = (7, 10, 20, 40)  # of Fig. 15, in rim radii
-VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # of Fig. 12, deg; 0 is orthographic
+OBJECT_DISTANCES = (7, 10, 20, 40)  # object distances of Fig. 15, in rim radii
+VIEWING_ANGLES = (12.0, 8.0, 4.0, 2.0, 0.0)  # viewing angles of Fig. 12, deg; 0 is orthographic
 SINGLE_VIEWPOINT_PX = (
     1e-6  # smaller viewpoint errors are due to rounding: the sensor has a single viewpoint
 )
@@ -86,7 +86,7 @@ def obscured_bands(ax: Axes, subjects: Sequence[Subject]) -> None:
     """Draw the obscured parts of the field as pale bands in the colour of each sensor."""
     is_labelled = False
     for s in subjects:
-        for low, high in s.hidden_deg:
+        for low, high in s.obscured_deg:
             ax.axvspan(
                 low, high, color=s.colour, alpha=0.12, linewidth=0, zorder=0, gid=f"{s.name}:hidden"
             )
@@ -181,7 +181,7 @@ def _blur_panel(ax: Axes, subjects: Sequence[Subject], unit: str, labels: EndLab
             va="bottom",
         )
     for (line_t, text), (line_s, text_s) in zip(lines[::2], lines[1::2], strict=True):
-        if _coincide(ax, line_t, line_s):  # as for a single viewpoint
+        if _coincide(ax, line_t, line_s):  # for example with a single viewpoint
             labels.of_line(ax, line_t, f"{text}, S")
         else:
             labels.of_line(ax, line_t, text)

@@ -205,7 +205,7 @@ def _hidden_px(subject: Subject) -> list[tuple[float, float]]:
     """Return the radii of the obscured rings of the image, px; two mirrors obscure the centre."""
     low, _ = subject.sensor.field_deg
     rings = []
-    for inside, outside in subject.hidden_deg:
+    for inside, outside in subject.obscured_deg:
         radii = subject.at([max(inside, low), max(outside, low)]).h_px
         rings.append((0.0 if inside < low else float(radii[0]), float(radii[1])))
     return rings
@@ -388,7 +388,7 @@ def blur_in_object_space(subjects: Sequence[Subject], axes: Sequence[Axes] | Non
         bare(ax)
         for j, omega in enumerate(s.marks.omega_deg):
             _draw_square(ax, s, j, (pitch * j, 0.0))
-            hidden = any(low <= omega < high for low, high in s.hidden_deg)
+            hidden = any(low <= omega < high for low, high in s.obscured_deg)
             ax.text(
                 pitch * j,
                 8.4,

@@ -273,7 +273,7 @@ def panels(
     Raises
     ------
     InvalidParameter
-        Wrong number of axes.
+        If the number of axes differs from ``count``.
     """
     if axes is None:
         figure = new_figure(*size)
@@ -317,7 +317,7 @@ def styled(style: str = "paper") -> AbstractContextManager[None]:
     Raises
     ------
     InvalidParameter
-        Unknown style.
+        If the style is unknown.
     """
     choice("style", style, STYLES)
     settings = {**STYLE, **STYLES[style]}

@@ -95,7 +95,7 @@ class Subject:
         return self.at(field_angles(self.sensor, 15.0))
 
     @property
-    def hidden_deg(self) -> tuple[tuple[float, float], ...]:
+    def obscured_deg(self) -> tuple[tuple[float, float], ...]:
         """Angular ranges of the field obscured by the housing."""
         return tuple(ring.omega_deg for ring in self.sensor.obscured)
 

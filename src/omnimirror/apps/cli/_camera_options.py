@@ -282,7 +282,9 @@ def _level_ball(ball: MirrorBall, image: NDArray[np.uint8]) -> tuple[MirrorBall,
 def _same_size_images(
     sources: tuple[str, ...], orientation: OrientationOptions
 ) -> list[NDArray[np.uint8]]:
-    """Return those of the first images that have the size, and thus the outline, of the first."""
+    """Return the images, among the first few, that have the size of the first image and thus its
+    outline.
+    """
     from ...io import read_image
     from ...io.batch import expand_inputs
 

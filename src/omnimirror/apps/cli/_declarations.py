@@ -94,7 +94,7 @@ class Options:
 
     @property
     def given(self) -> dict[str, Any]:
-        """Options that are given, by field name."""
+        """Options given on the command line, by field name."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
     @property

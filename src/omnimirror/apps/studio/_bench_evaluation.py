@@ -39,7 +39,7 @@ from ._bench_requirements import UNCHECKED, check_evaluation
 from ._bench_sensors import (
     aligned_sensor,
     api_error_of,
-    bent,
+    deformed,
     on_bench,
     remark_on,
     sensor_on_bench,
@@ -133,19 +133,22 @@ def _parts(sensor: Sensor) -> Iterator[TurnedPart]:
     straight = aligned_sensor(sensor)
     yield from _bodies(sensor, straight)
     yield from _lens(straight)
-    standing = sensor.obstructions
-    if standing.rod is not None:
-        (foot, wide), (top, narrow) = standing.rod.ends
+    obstructions = sensor.obstructions
+    if obstructions.rod is not None:
+        (foot, wide), (top, narrow) = obstructions.rod.ends
         yield TurnedPart("rod", np.array([0.0, wide, narrow]), np.array([foot, foot, top]))
-    for disc in standing.discs:
+    for disc in obstructions.discs:
         if isinstance(disc, WindowFrame):
             inner, outer = disc.radius_mm, disc.radius_mm * (1 + FRAME_SHARE)
         else:
             inner, outer = 0.0, disc.radius_mm
         yield TurnedPart(disc.part, np.array([inner, outer]), np.full(2, disc.height_mm))
-    if (shell := standing.housing.shell) is not None:
+    if (shell := obstructions.housing.shell) is not None:
         yield _wall(
-            shell, standing.envelope.base_mm, standing.envelope.back_mm, standing.envelope.outer_mm
+            shell,
+            obstructions.envelope.base_mm,
+            obstructions.envelope.back_mm,
+            obstructions.envelope.outer_mm,
         )
 
 
@@ -282,9 +285,9 @@ def _exit_points(
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return the exit points from a cover and the end points of rays (n, 3) in the world frame,
     with the next points and an obscuration mask."""
-    standing, shell = sensor.obstructions, sensor.obstructions.housing.shell
+    obstructions, shell = sensor.obstructions, sensor.obstructions.housing.shell
     points, towards = legs.mirror, legs.after
-    masks = standing.blocks(points, towards, -legs.before, sensor.mirror_pose).values()
+    masks = obstructions.blocks(points, towards, -legs.before, sensor.mirror_pose).values()
     is_hidden = np.any([np.zeros(len(points), dtype=bool), *masks], axis=0)
     wall = np.full_like(points, np.nan)
     if shell is not None:
@@ -299,15 +302,15 @@ def _exit_points(
     far = np.full(len(points), OUTER_RAY_LENGTH * sensor.mirror.rim_radius_mm)
     inside = ((start >= ROOM.low) & (start <= ROOM.high)).all(axis=1)
     far[inside] = intersect_boxes(ROOM, SOLIDS, start[inside], direction[inside]).distance
-    stopped = _distance_to_disc(standing, points, towards)
+    stopped = _distance_to_disc(obstructions, points, towards)
     far = np.where(is_hidden, np.where(np.isfinite(stopped), stopped, 0.0), far)
     return wall, start + far[:, None] * direction, towards, is_hidden
 
 
-def _distance_to_disc(standing: Obstructions, points: Array, towards: Array) -> Array:
+def _distance_to_disc(obstructions: Obstructions, points: Array, towards: Array) -> Array:
     """Return the path length (n,), mm, to the first opaque disc; infinite without intersection."""
     way = np.full(len(points), np.inf)
-    for disc in standing.discs:
+    for disc in obstructions.discs:
         with np.errstate(invalid="ignore", divide="ignore"):
             steps = (disc.height_mm - points[:, 2]) / towards[:, 2]
         way = np.where(disc.clearance(points, towards) < 0, np.minimum(way, steps), way)
@@ -367,7 +370,7 @@ def answer(message: DesignRequest) -> bytes:
     try:
         current = sensor_on_bench(message.tables, message.follows)
         if message.bend is not None:
-            current = bent(current, message.bend)
+            current = deformed(current, message.bend)
         sensor = aligned_sensor(current)
         design = _evaluated(sensor, distance_of(message.object_distance_mm))
         facts = _facts(design, why_not_optimised(current))
@@ -390,7 +393,7 @@ def answer(message: DesignRequest) -> bytes:
         rows=checked.rows,
         requirements_trouble=checked.trouble,
         blocks=tuple(values.block for values in blocks),
-        bent=on_bench(current) if message.bend is not None else None,
+        deformed=on_bench(current) if message.bend is not None else None,
     )
     return framed(response, *(b.values.astype("<f4").tobytes() for b in blocks))
 

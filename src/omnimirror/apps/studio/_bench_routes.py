@@ -16,7 +16,7 @@ from ._bench_files import SLOW_KINDS, File, downloaded, opened, requirement_file
 from ._bench_requirements import slider_violations
 from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
 from ._http_messages import BYTES, FILE_BODY, FileName
-from ._uploads import collected, safe_name
+from ._uploads import safe_name, uploaded_file
 from ._workers import Workers, relay, serve_socket
 from .bench_messages import (
     AsBuiltRequest,
@@ -84,7 +84,7 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/open", openapi_extra=FILE_BODY)
     async def open_file(request: Request, name: FileName = "sensor.toml") -> ImportedFile:
         """Read a sensor file or a requirement file."""
-        data = await collected(request)
+        data = await uploaded_file(request)
         return await asyncio.to_thread(opened, safe_name(name), data)
 
 

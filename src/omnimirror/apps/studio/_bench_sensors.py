@@ -445,7 +445,7 @@ CLEAR = 0.02
 """Minimum distance from fixed curve ends, relative to the rim radius or the field."""
 
 
-def bent(sensor: Sensor, bend: CurveEdit) -> Sensor:
+def deformed(sensor: Sensor, bend: CurveEdit) -> Sensor:
     """Deform the mirror so that its profile or mapping passes through a given point.
 
     Deformations minimise curvature: the profile bends as a rod clamped at the vertex, the mapping
@@ -455,14 +455,14 @@ def bent(sensor: Sensor, bend: CurveEdit) -> Sensor:
     Raises
     ------
     InvalidParameter
-        A sensor with two mirrors or a misaligned mirror, a point too close to a fixed end, or no
-        feasible mirror.
+        If the sensor has two mirrors or a misaligned mirror, the point is too close to a fixed end,
+        or no mirror is feasible.
 
     Examples
     --------
     >>> import omnimirror as om
     >>> sphere = om.load_sensor("paper-spherical")
-    >>> flatter = bent(sphere, CurveEdit(of="profile", at=30.0, to=9.9))
+    >>> flatter = deformed(sphere, CurveEdit(of="profile", at=30.0, to=9.9))
     >>> round(float(flatter.mirror.sag(30.0)), 9), round(float(sphere.mirror.sag(30.0)), 3)
     (9.9, 10.01)
     """
@@ -499,7 +499,7 @@ def _sag(slopes: Array, u: float) -> float:
 
 def _mapping(sensor: Sensor, omega_deg: float, height_px: float) -> Sensor:
     low, high = sensor.field_deg
-    first, last = (low + share * (high - low) for share in (CLEAR, 1 - CLEAR))
+    first, last = (low + fraction * (high - low) for fraction in (CLEAR, 1 - CLEAR))
     if not first <= omega_deg <= last:
         raise InvalidParameter(
             f"the mapping can be dragged from {first:.4g} to {last:.4g} deg; got {omega_deg:g} deg"

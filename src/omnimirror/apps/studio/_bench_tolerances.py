@@ -147,10 +147,12 @@ def predict_yield(message: YieldRequest) -> YieldResult:
     statistics = simulate_trials(
         evaluator, tolerances, {message.merit: message.limit}, trials=trials, seed=message.seed
     )
-    return _yield_result(statistics, message.merit, _alone(evaluator, tolerances, message.merit))
+    return _yield_result(
+        statistics, message.merit, _single_error_effects(evaluator, tolerances, message.merit)
+    )
 
 
-def _alone(
+def _single_error_effects(
     evaluator: TrialEvaluator, tolerances: Tolerances, merit: str
 ) -> tuple[SingleErrorEffect, ...]:
     """Return the effects of all errors, each evaluated at plus and minus its tolerance."""

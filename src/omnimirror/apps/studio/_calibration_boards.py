@@ -89,7 +89,7 @@ def together(message: MultiImageRequest) -> MultiImageSummary:
     spread = _coverage(used, message) if used else None
     return MultiImageSummary(
         reasons=tuple(d.reason for d in detections),
-        coverage=coverage_shown(spread) if spread else None,
+        coverage=coverage_message(spread) if spread else None,
         advice=recommendations(spread, len(used)) if spread else (),
         not_new=None
         if message.candidate is None
@@ -104,7 +104,7 @@ def _coverage(used: list[Detection], message: MultiImageRequest) -> Coverage:
     return coverage(observations, centre, message.radius_px)
 
 
-def coverage_shown(spread: Coverage) -> CoverageInfo:
+def coverage_message(spread: Coverage) -> CoverageInfo:
     """Convert a coverage to a message."""
     return CoverageInfo(
         centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])),
@@ -239,7 +239,8 @@ def render_board_view(message: BoardViewRequest, data: bytes) -> bytes:
     Raises
     ------
     OmnimirrorError
-        Unreadable image, invalid camera or board, or an image of another size than the camera's.
+        If the image is unreadable, the camera or board is invalid, or the image size differs from
+        that of the camera.
     """
     screen = BoardScreen(message.place)
     if not np.all((screen.sides_mm > 0) & (screen.sides_mm < MAX_BOARD_MM)):

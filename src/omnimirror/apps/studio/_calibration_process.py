@@ -22,7 +22,7 @@ from ...calibration.targets.frame_selection import select_distinct_frames
 from ...cameras.frames import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
-from ._calibration_boards import coverage_shown, line_deviation_px, place_of, taken
+from ._calibration_boards import coverage_message, line_deviation_px, place_of, taken
 from .calibration_messages import (
     STOP,
     BoardDetection,
@@ -162,7 +162,7 @@ def found_message(calibration: Calibration) -> CalibrationResult:
         ),
         notes=calibration.notes,
         advice=calibration.advice,
-        coverage=coverage_shown(calibration.coverage),
+        coverage=coverage_message(calibration.coverage),
         places=tuple(
             place_of(s, calibration.model, calibration.board)
             for s in fit.observations

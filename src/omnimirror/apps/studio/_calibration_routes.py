@@ -13,7 +13,7 @@ from ...base.errors import OmnimirrorError
 from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
 from ._calibration_boards import together
 from ._http_messages import BYTES, FILE_BODY, unframed
-from ._uploads import collected
+from ._uploads import uploaded_file
 from ._workers import BoardDetectorPool, Worker, Workers, relay, serve_socket
 from .calibration_messages import (
     STOP,
@@ -61,7 +61,7 @@ def _add_questions(app: FastAPI, board_detectors: BoardDetectorPool) -> None:
         request: Request, message: Annotated[BoardDetectionRequest, Query()]
     ) -> BoardDetection:
         """Return the corners of a board in an image, or the reason for the failed detection."""
-        data = await collected(request)
+        data = await uploaded_file(request)
         return await board_detectors.look(message, data, request)
 
     @app.post("/api/calibrate/together")
@@ -81,7 +81,7 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
         """Return a dewarped board as JPEG; the request header precedes the image."""
         from ._calibration_boards import render_board_view  # deferred import: requires the dewarper
 
-        message, data = unframed(await collected(request), BoardViewRequest)
+        message, data = unframed(await uploaded_file(request), BoardViewRequest)
         board_view = await studio.unpacked.run(request, lambda: render_board_view(message, data))
         return Response(board_view, media_type="image/jpeg")
 

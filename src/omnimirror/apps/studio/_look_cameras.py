@@ -71,7 +71,7 @@ class Cameras:
 
     def __init__(self, camera: NamedCamera | None = None) -> None:
         self._bundled = {
-            name: _of_sensor(name, load_sensor(name), name) for name in bundled_sensors()
+            name: _sensor_camera(name, load_sensor(name), name) for name in bundled_sensors()
         }
         self._given = {camera.id: camera} if camera else {}
         self._uploaded: OrderedDict[str, NamedCamera] = OrderedDict()
@@ -188,7 +188,7 @@ def read_calibration(name: str, data: bytes, optics: str = "mirror") -> NamedCam
         return NamedCamera(id, name, title_of(camera), options, camera)
     parsed = parse_camera(text, source=name)
     if isinstance(parsed, Sensor):
-        return _of_sensor(id, parsed, name)
+        return _sensor_camera(id, parsed, name)
     return NamedCamera(id, name, title_of(parsed), ("--sensor", name), parsed)
 
 
@@ -203,5 +203,5 @@ def ball_of(field_deg: float) -> NamedCamera:
     return NamedCamera(f"ball:{field_deg:g}", "mirror ball", title_of(ball), options, ball)
 
 
-def _of_sensor(id: str, sensor: Sensor, file: str) -> NamedCamera:
+def _sensor_camera(id: str, sensor: Sensor, file: str) -> NamedCamera:
     return NamedCamera(id, sensor.name, title_of(sensor), ("--sensor", file), sensor)

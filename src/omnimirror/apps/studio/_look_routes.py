@@ -26,13 +26,13 @@ from ._look_cameras import Cameras, NamedCamera
 from ._server_state import Stream
 from ._uploads import (
     browser_image,
-    collected,
     eight_bits,
     encoded,
     image_in,
     png_of,
     safe_name,
     uploaded,
+    uploaded_file,
 )
 from .look_messages import (
     CameraInfo,
@@ -64,10 +64,10 @@ _rims: dict[bytes, DetectedOutline] = {}
 
 def read_as_png(path: Path, stored_orientation: bool, on_note: Callable[[str], None]) -> bytes:
     """Return an image of the server, and report an orientation in its file."""
-    image, carried = read_image_and_metadata(path, stored_orientation=stored_orientation)
-    if carried.orientation != UPRIGHT:
-        on_note(f"{path}: {applied(carried.orientation, stored_orientation)}")
-    return png_of(image, carried)
+    image, metadata = read_image_and_metadata(path, stored_orientation=stored_orientation)
+    if metadata.orientation != UPRIGHT:
+        on_note(f"{path}: {applied(metadata.orientation, stored_orientation)}")
+    return png_of(image, metadata)
 
 
 def detect_outline(data: bytes, name: str) -> DetectedOutline:
@@ -121,9 +121,11 @@ def restore_image(
     """
     from ...dewarp.restoration.deblurring import Restorer
 
-    pixels, carried = uploaded(data, safe_name(message.name), stored_orientation=stored_orientation)
+    pixels, metadata = uploaded(
+        data, safe_name(message.name), stored_orientation=stored_orientation
+    )
     distance = np.inf if message.object_distance_mm is None else message.object_distance_mm
-    restorer = Restorer.of_exposure(sensor, exposure_of(carried.exif), distance)
+    restorer = Restorer.of_exposure(sensor, exposure_of(metadata.exif), distance)
     restored, words = restorer.reported(eight_bits(pixels))
     return encoded(restored, ".png"), words
 
@@ -171,7 +173,7 @@ def _add_start(app: FastAPI, studio: Studio) -> None:
         first = next(iter(studio.sources.given), None)
         return PageStart(
             version=__version__,
-            sources=tuple(shown.message for shown in studio.sources.list()),
+            sources=tuple(source.message for source in studio.sources.list()),
             sensors=tuple(studio.cameras.entries()),
             source=first.id if first else None,
             sensor=studio.given.id if studio.given else None,
@@ -206,7 +208,7 @@ def _add_files(app: FastAPI, cameras: Cameras) -> None:
         request: Request, name: FileName = "sensor.toml", optics: str = "mirror"
     ) -> SensorEntry:
         """Read a calibration file: a sensor file, a camera file, or OCamCalib text."""
-        data = await collected(request)
+        data = await uploaded_file(request)
         return (await asyncio.to_thread(cameras.add, safe_name(name), data, optics)).entry
 
     @app.post("/api/sensor-file", response_class=PlainTextResponse)
@@ -229,12 +231,12 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     async def source_image(id: str) -> Response:
         """Return an image of the server as 8-bit PNG."""
         try:
-            shown = await asyncio.to_thread(studio.sources.find, id)
+            source = await asyncio.to_thread(studio.sources.find, id)
         except KeyError:
             raise HTTPException(404, f"unknown image {id!r}") from None
-        if shown.kind != "picture":
-            raise HTTPException(404, f"{shown.name} must be an image; got a {shown.kind} source")
-        path = Path(shown.place)
+        if source.kind != "picture":
+            raise HTTPException(404, f"{source.name} must be an image; got a {source.kind} source")
+        path = Path(source.place)
         return _png(
             await studio.unpacked.run(
                 path, lambda: read_as_png(path, studio.stored_orientation, studio.on_note)
@@ -246,7 +248,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     )
     async def convert(request: Request, name: FileName = "picture") -> Response:
         """Convert an image that browsers cannot read to 8-bit PNG."""
-        data = await collected(request)
+        data = await uploaded_file(request)
         return _png(
             await studio.unpacked.run(
                 request,
@@ -257,13 +259,13 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/rim", openapi_extra=FILE_BODY)
     async def rim(request: Request, name: FileName = "picture") -> DetectedOutline:
         """Return the mirror outline in an image with its confidence."""
-        data = await collected(request)
+        data = await uploaded_file(request)
         return await studio.unpacked.run(request, lambda: detect_outline(data, safe_name(name)))
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
     async def level(request: Request) -> EstimatedTilt | None:
         """Estimate the camera tilt of an image; the request header precedes the image."""
-        message, image = unframed(await collected(request), LevelRequest)
+        message, image = unframed(await uploaded_file(request), LevelRequest)
         _known(studio.cameras, message.id)
         camera = studio.cameras.with_circle(message)
         return await studio.unpacked.run(request, lambda: estimate_tilt(camera, message, image))
@@ -273,7 +275,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     )
     async def restore(request: Request) -> Response:
         """Restore an image; the request header precedes the image."""
-        message, image = unframed(await collected(request), RestoreRequest)
+        message, image = unframed(await uploaded_file(request), RestoreRequest)
         _known(studio.cameras, message.id)
         sensor = studio.cameras.fitted(message)
         data, words = await studio.simulated.run(
@@ -288,13 +290,13 @@ def _add_streams(app: FastAPI, studio: Studio) -> None:
         """Send frames as JPEG on request, and state changes of the stream as text."""
         await socket.accept()
         try:
-            shown = studio.sources.find(id)
+            source = studio.sources.find(id)
         except KeyError:
             ended = StreamState(state="ended", sentence=f"unknown stream {id!r}")
             await socket.send_text(ended.model_dump_json())
             await socket.close()
             return
-        async with studio.streams.watch(shown) as watched:
+        async with studio.streams.watch(source) as watched:
             await _serve(socket, watched)
 
 

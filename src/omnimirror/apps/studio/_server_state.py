@@ -59,7 +59,7 @@ class Sources:
     Raises
     ------
     MediaError
-        If the address of a live camera is invalid or stream.
+        If the address of a camera or stream is invalid.
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class Sources:
                     folder
                 )  # symbolic links can point outside the folder
                 if inside and path.is_file() and kind_of_file(path) and len(names) < MAX_LISTED:
-                    shown = _listed(f"{number}/{path.name}", str(path), False)
-                    names.append(shown)
+                    source = _listed(f"{number}/{path.name}", str(path), False)
+                    names.append(source)
         return names
 
     def find(self, id: str) -> ListedSource:
@@ -93,9 +93,9 @@ class Sources:
         KeyError
             If the id is unknown.
         """
-        for shown in self.list():
-            if shown.id == id:
-                return shown
+        for source in self.list():
+            if source.id == id:
+                return source
         raise KeyError(id)
 
 
@@ -134,17 +134,17 @@ class Stream:
 
     def __init__(
         self,
-        shown: ListedSource,
+        source: ListedSource,
         loop: asyncio.AbstractEventLoop,
         stored_orientation: bool,
         on_note: Callable[[str], None],
     ) -> None:
-        self.shown = shown
+        self.source = source
         self._on_note = on_note
         self.viewers = 0
         self.count = 0
         """Number of frames so far; also the index of the newest frame."""
-        self.state = StreamState(state="waiting", sentence=f"waiting for {shown.name}")
+        self.state = StreamState(state="waiting", sentence=f"waiting for {source.name}")
         self._newest: bytes | None = None
         self._loop = loop
         self._news = asyncio.Event()
@@ -153,13 +153,13 @@ class Stream:
         # A source that has played before is reopened after a failure; one that never opened is
         # reported as an error, and a reload tries again.
         self._playing = Playback(
-            shown.place,
-            shown.kind == "live",
+            source.place,
+            source.kind == "live",
             self._report,
             OPENING_S,
             stored_orientation=stored_orientation,
         )
-        self._thread = threading.Thread(target=self._run, name=f"studio {shown.name}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"studio {source.name}", daemon=True)
         self._thread.start()
 
     async def after(
@@ -189,9 +189,9 @@ class Stream:
                 self._notify(
                     encoded(image_of_frame(frame), ".jpg"),
                     "playing",
-                    f"{self.shown.name} is playing",
+                    f"{self.source.name} is playing",
                 )
-            self._notify(None, "ended", f"{self.shown.name} has ended")
+            self._notify(None, "ended", f"{self.source.name} has ended")
         except OmnimirrorError as e:
             self._notify(None, "ended", str(e))
 
@@ -232,12 +232,12 @@ class Streams:
         self._running: dict[str, Stream] = {}
 
     @asynccontextmanager
-    async def watch(self, shown: ListedSource) -> AsyncIterator[Stream]:
+    async def watch(self, source: ListedSource) -> AsyncIterator[Stream]:
         """Return a stream shared by all pages that watch the source."""
-        stream = self._running.get(shown.id)
+        stream = self._running.get(source.id)
         if stream is None or stream.state.state == "ended":
-            stream = self._running[shown.id] = Stream(
-                shown, asyncio.get_running_loop(), *self._options
+            stream = self._running[source.id] = Stream(
+                source, asyncio.get_running_loop(), *self._options
             )
         stream.viewers += 1
         try:
@@ -255,8 +255,8 @@ class Streams:
     def _leave(self, stream: Stream) -> None:
         if stream.viewers == 0:
             stream.stop()
-            if self._running.get(stream.shown.id) is stream:
-                del self._running[stream.shown.id]
+            if self._running.get(stream.source.id) is stream:
+                del self._running[stream.source.id]
 
 
 # -- State and job queues --------------------------------------------------------------------------

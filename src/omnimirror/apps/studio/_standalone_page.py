@@ -97,7 +97,7 @@ def _bare_lens(lens: PartInfo) -> PartInfo:
 # -- Page without a server -------------------------------------------------------------------------
 
 BALLS = ("ball:260", "ball:160")
-"""Mirror balls offered by the page in addition to the first sensor."""
+"""Mirror balls available on the page in addition to the first sensor."""
 JPEG_QUALITY = 85
 
 

@@ -38,7 +38,7 @@ KINDS = {
 }
 
 
-async def collected(request: Request) -> bytes:
+async def uploaded_file(request: Request) -> bytes:
     """Return the uploaded file of a request.
 
     Raises
@@ -113,13 +113,13 @@ def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
     return images.encoded(image, suffix, parameters)
 
 
-def png_of(image: NDArray[np.generic], carried: ImageMetadata) -> bytes:
+def png_of(image: NDArray[np.generic], metadata: ImageMetadata) -> bytes:
     """Encode an image as 8-bit PNG with its EXIF data, which restoration requires."""
     data = encoded(eight_bits(image), ".png")
     return (
         data
-        if carried.exif is None
-        else embed_metadata(".png", data, ImageMetadata(exif=carried.exif))
+        if metadata.exif is None
+        else embed_metadata(".png", data, ImageMetadata(exif=metadata.exif))
     )
 
 

@@ -135,7 +135,7 @@ class BoardDetectorPool:
         ServerBusy
             If there are too many queued requests.
         OmnimirrorError
-            If the image is unreadable or invalid board.
+            If the image is unreadable, or the board is invalid.
         """
         if self._pending >= MAX_QUEUED_JOBS:
             raise ServerBusy("too many board detections are queued; try again later")

@@ -295,8 +295,8 @@ class InteractiveView:
 
     def _repr_html_(self) -> str:
         """Return the page in a frame for notebooks."""
-        look = f"width: 100%; height: {self.height_px}px; border: 0"
-        return f'<iframe srcdoc="{escape(self.page)}" style="{look}" allow="fullscreen; gyroscope"></iframe>'
+        style = f"width: 100%; height: {self.height_px}px; border: 0"
+        return f'<iframe srcdoc="{escape(self.page)}" style="{style}" allow="fullscreen; gyroscope"></iframe>'
 
     def save(self, path: str | Path) -> None:
         """Write the page as an HTML file.
@@ -339,7 +339,7 @@ def show(
     Raises
     ------
     InvalidParameter
-        Unknown camera, or an image of another size than the camera's.
+        If the camera is unknown, or the image size differs from that of the camera.
 
     Examples
     --------

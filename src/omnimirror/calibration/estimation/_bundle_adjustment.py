@@ -26,7 +26,7 @@ from ._residuals import (
     Loss,
     eliminate_line_positions,
     linearise,
-    slid,
+    slide_steps,
     targets,
 )
 from .observations import Observation, Stack, moved, rms_px, stacked
@@ -359,7 +359,7 @@ def _trial_step(
         return None if step is None else _after_step(estimate, linearised, problem, step)
     acceleration = (
         _acceleration(estimate, linearised, blocks, problem, damping, step)
-        if with_acceleration and linearised.d_slide is None
+        if with_acceleration and linearised.d_line_position is None
         else None
     )
     if acceleration is None:
@@ -473,10 +473,12 @@ def _after_step(
         return None
     poses = moved(estimate.poses, np.where(problem.moving[:, None], step.poses, 0.0))
     shape = estimate.shape and estimate.shape.with_values(values[count:last])
-    slides = estimate.slides
-    if linearised.d_slide is not None:
-        slides = slides + slid(linearised, problem.stack, step.shared, step.poses)
-    return Estimate(model, poses, shape, slides, values[last:])
+    line_positions_mm = estimate.line_positions_mm
+    if linearised.d_line_position is not None:
+        line_positions_mm = line_positions_mm + slide_steps(
+            linearised, problem.stack, step.shared, step.poses
+        )
+    return Estimate(model, poses, shape, line_positions_mm, values[last:])
 
 
 # -- Bundle adjustment -----------------------------------------------------------------------------
@@ -602,7 +604,7 @@ class BundleAdjustment(Result):
         return int(self.problem.free.sum()) + sum(3 if s.distant.all() else 6 for s in moving)
 
     def residuals_of(self, number: int) -> Array:
-        """Return the residuals (n, 2) of a observation."""
+        """Return the residuals (n, 2) of an observation."""
         return self.residuals[self.problem.stack.slices[number]]
 
 
@@ -672,7 +674,7 @@ def bundle_adjust(
     Raises
     ------
     InvalidParameter
-        If a name is unknown, a observation has no pose, or there are no observations.
+        If a name is unknown, an observation has no pose, or there are no observations.
 
     Examples
     --------
@@ -755,7 +757,10 @@ def _result(
     posed = tuple(s.with_pose(m) for s, m in zip(observations, estimate.poses, strict=True))
     if problem.stack.marks is not None:  # observations hold the positions of the marks
         points = targets(
-            estimate._replace(shape=None, slides=np.zeros_like(estimate.slides)), problem.stack
+            estimate._replace(
+                shape=None, line_positions_mm=np.zeros_like(estimate.line_positions_mm)
+            ),
+            problem.stack,
         )
         posed = tuple(
             replace(s, points=points[part])

@@ -237,7 +237,7 @@ def calibrate_camera(
     model
         ``"auto"``, the name of a model, a camera model as the initial value, or a nominal sensor.
     optics
-        ``"mirror"`` or ``"fisheye"``: the image centre looks back past the lens or ahead.
+        ``"mirror"`` or ``"fisheye"``: the image centre is directed back past the lens or ahead.
     mount
         Orientation of the camera, and whether its images are flipped; by default looking up and not
         flipped.

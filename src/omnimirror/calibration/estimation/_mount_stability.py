@@ -21,20 +21,20 @@ from ._residuals import eliminate_line_positions
 from .observation_checks import MIN_IMAGES, joined_names
 from .observations import board_ends, flipped_observations
 
-MOVED_PX = 1.5
+SAME_CENTRE_PX = 1.5
 """Maximum distance of centres that count as equal."""
-CHANCE = 1e-3
+MAX_SPLIT_PROBABILITY = 1e-3
 """Probability that images without motion are split into two groups."""
-PLAUSIBLE = 0.05
+MIN_PLAUSIBLE_PROBABILITY = 0.05
 """Probability above which no further test is made."""
-MOVED_GAIN = 100.0
+MIN_MOTION_GAIN = 100.0
 """Minimum gain of two centres in the sum of squares over the noise variance."""
-FLIPPED_GAIN, CLEAN = 25.0, 2.0
+MIN_FLIPPED_GAIN, MAX_REMAINING_GAIN = 25.0, 2.0
 """Minimum gain of a flip, and maximum remaining gain of separate centres.
 
 A flip adds no parameters. The remaining gain is per parameter, after all flips.
 """
-WORTH_A_FLIP, FLIPS_TRIED, MOSTLY = 8.0, 3, 0.6
+MIN_FLIP_GAIN, MAX_FLIP_TRIALS, MIN_EXPLAINED_FRACTION = 8.0, 3, 0.6
 """Limits of the search for flipped images.
 
 They are the minimum first-order gain of one image's horizontal centre offset, the number of
@@ -116,7 +116,7 @@ def flipped_images(adjustment: BundleAdjustment) -> dict[str, str]:
         return {}
     centres = ImageCentres.of(adjustment, np.zeros((count, 2)))
     (gain,), (explained, _) = centres.of_groups(centres.split()[None])[0], centres.explained
-    if gain < max(WORTH_A_FLIP, MOSTLY * explained):
+    if gain < max(MIN_FLIP_GAIN, MIN_EXPLAINED_FRACTION * explained):
         return {}
     fits = [
         _all_flips(*start) for start in _with_one_flipped(adjustment, np.zeros(count, dtype=bool))
@@ -127,8 +127,8 @@ def flipped_images(adjustment: BundleAdjustment) -> dict[str, str]:
     rivals = [adjustment, *(other for other, mask in fits if (mask != is_flipped).any())]
     remaining_gain, degrees_of_freedom = ImageCentres.of(fit, np.zeros((count, 2))).explained
     if (
-        min(_gain(rival, fit) for rival in rivals) < FLIPPED_GAIN
-        or remaining_gain > CLEAN * degrees_of_freedom
+        min(_gain(rival, fit) for rival in rivals) < MIN_FLIPPED_GAIN
+        or remaining_gain > MAX_REMAINING_GAIN * degrees_of_freedom
     ):
         return {}
     names = [
@@ -244,7 +244,7 @@ def _all_flips(fit: BundleAdjustment, is_flipped: Mask) -> tuple[BundleAdjustmen
             key=lambda candidate: float(np.sum(candidate[0].residuals ** 2)),
             default=None,
         )
-        if best is None or _gain(fit, best[0]) < FLIPPED_GAIN:
+        if best is None or _gain(fit, best[0]) < MIN_FLIPPED_GAIN:
             break
         fit, is_flipped = best
     is_first = (
@@ -273,8 +273,8 @@ def _with_one_flipped(
     )
     gains[[s.is_surveyed for s in fit.observations]] = 0.0
     fits = []
-    for number in np.argsort(-gains)[:FLIPS_TRIED]:
-        if gains[number] < WORTH_A_FLIP:
+    for number in np.argsort(-gains)[:MAX_FLIP_TRIALS]:
+        if gains[number] < MIN_FLIP_GAIN:
             break
         other = [
             flipped_observations(s, ends_mm, width) if i == number else s
@@ -303,7 +303,8 @@ def _two_centres(adjustment: BundleAdjustment) -> tuple[Mask, float] | None:
         explained, degrees_of_freedom = centres.explained
         if (
             number == 0
-            and _chance(float(gain), explained - float(gain), count, degrees_of_freedom) > PLAUSIBLE
+            and _chance(float(gain), explained - float(gain), count, degrees_of_freedom)
+            > MIN_PLAUSIBLE_PROBABILITY
         ):
             return None
         step = offset * second[:, None] - applied
@@ -318,9 +319,9 @@ def _two_centres(adjustment: BundleAdjustment) -> tuple[Mask, float] | None:
     remaining_gain, degrees_of_freedom = ImageCentres.of(fit, np.zeros((count, 2))).explained
     distance = float(np.hypot(*offset))
     is_significant = (
-        distance > MOVED_PX
-        and total_gain > MOVED_GAIN
-        and _chance(total_gain, remaining_gain, count, degrees_of_freedom) < CHANCE
+        distance > SAME_CENTRE_PX
+        and total_gain > MIN_MOTION_GAIN
+        and _chance(total_gain, remaining_gain, count, degrees_of_freedom) < MAX_SPLIT_PROBABILITY
     )
     return (second, distance) if is_significant else None
 

@@ -142,7 +142,7 @@ class Estimate(NamedTuple):
     model: CameraModel
     poses: tuple[RigidTransform, ...]
     shape: BoardShape | None
-    slides: Array
+    line_positions_mm: Array
     """Positions (n,) of points along their lines, mm."""
     marks: Array
     """Offsets (2k,) of marks from the points of their planes along two axes, mm."""
@@ -159,7 +159,7 @@ class Linearised(NamedTuple):
     """Derivatives (n, 2, g) with respect to the parameters of model, board and marks, in order."""
     d_pose: Array
     """Derivatives (n, 2, 6) with respect to a rotation in radians and a translation in mm."""
-    d_slide: Array | None
+    d_line_position: Array | None
     """Derivatives (n, 2) with respect to positions along lines."""
 
 
@@ -189,11 +189,11 @@ def linearise(estimate: Estimate, stack: Stack) -> Linearised:
         x * gy - y * gx,
     )
     d_pose[..., 3:] = np.where(stack.distant[:, None, None], 0.0, d_points)
-    d_slide = None
+    d_line_position = None
     if stack.along is not None:
-        d_slide = np.einsum("nki,nij,nj->nk", d_points, rotations, stack.along)
+        d_line_position = np.einsum("nki,nij,nj->nk", d_points, rotations, stack.along)
     residuals[~visible] = 0.0
-    return Linearised(residuals, visible, d_shared, d_pose, d_slide)
+    return Linearised(residuals, visible, d_shared, d_pose, d_line_position)
 
 
 def residuals_at_poses(model: CameraModel, observations: Sequence[Observation]) -> Linearised:
@@ -209,7 +209,7 @@ def targets(estimate: Estimate, stack: Stack) -> Array:
     if estimate.shape is not None:
         points = np.where(stack.shaped[:, None], estimate.shape.deformed(points), points)
     if stack.along is not None:
-        points = points + estimate.slides[:, None] * stack.along
+        points = points + estimate.line_positions_mm[:, None] * stack.along
     if stack.marks is not None:
         points = points + stack.marks.derivatives() @ estimate.marks
     return points
@@ -217,10 +217,10 @@ def targets(estimate: Estimate, stack: Stack) -> Array:
 
 def eliminate_line_positions(linearised: Linearised) -> Linearised:
     """Project out positions along lines: residuals remain perpendicular to the image of the line."""
-    if linearised.d_slide is None:
+    if linearised.d_line_position is None:
         return linearised
-    length = np.sum(linearised.d_slide**2, axis=1)
-    along = linearised.d_slide / np.sqrt(np.where(length > 0, length, 1.0))[:, None]
+    length = np.sum(linearised.d_line_position**2, axis=1)
+    along = linearised.d_line_position / np.sqrt(np.where(length > 0, length, 1.0))[:, None]
     across = np.eye(2) - along[:, :, None] * along[:, None, :]
     return linearised._replace(
         residuals=np.einsum("nij,nj->ni", across, linearised.residuals),
@@ -229,17 +229,17 @@ def eliminate_line_positions(linearised: Linearised) -> Linearised:
     )
 
 
-def slid(linearised: Linearised, stack: Stack, shared: Array, poses: Array) -> Array:
+def slide_steps(linearised: Linearised, stack: Stack, shared: Array, poses: Array) -> Array:
     """Return steps (n,) along lines for steps of the shared parameters (g,) and poses (m, 6)."""
-    assert linearised.d_slide is not None
+    assert linearised.d_line_position is not None
     e = (
         linearised.residuals
         + linearised.d_shared @ shared
         + np.einsum("nki,ni->nk", linearised.d_pose, poses[stack.owner])
     )
-    length = np.sum(linearised.d_slide**2, axis=1)
+    length = np.sum(linearised.d_line_position**2, axis=1)
     return np.asarray(
-        -np.sum(linearised.d_slide * e, axis=1) / np.where(length > 0, length, np.inf)
+        -np.sum(linearised.d_line_position * e, axis=1) / np.where(length > 0, length, np.inf)
     )
 
 

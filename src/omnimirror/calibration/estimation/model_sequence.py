@@ -297,7 +297,7 @@ def shifted_to_viewpoint(
 
 
 def _shifted(observation: Observation, translation_mm: float) -> Observation:
-    """Return a observation shifted along Z, unless it is known or entirely distant."""
+    """Return an observation shifted along Z, unless it is known or entirely distant."""
     if observation.is_known or observation.distant.all() or observation.pose is None:
         return observation
     rotation, translation = observation.pose

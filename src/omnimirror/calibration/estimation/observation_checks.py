@@ -165,11 +165,11 @@ def inconsistent_images(adjustment: BundleAdjustment) -> dict[str, str]:
     return {
         s.name: (
             f"the median residual of its corners is {median:.1f} px, that of the other images {typical:.2f} px"
-            if share < 0.5
+            if fraction < 0.5
             else "a board at this position is not visible to the camera that fits the other images"
         )
-        for s, median, share in zip(adjustment.observations, medians, invisible, strict=True)
-        if median > limit or share >= 0.5
+        for s, median, fraction in zip(adjustment.observations, medians, invisible, strict=True)
+        if median > limit or fraction >= 0.5
     }
 
 
@@ -345,7 +345,7 @@ class Coverage(NamedTuple):
     radii_px: Array
     """Radii of the ring boundaries (rings + 1,), px."""
     counts: NDArray[np.int64]
-    """Number of corners (rings, sectors); sectors run from the right over the bottom."""
+    """Number of corners (rings, sectors); sectors are clockwise from the right."""
     tilts_deg: Array
     """Angles (m,) between each board's normal and the line of sight to its centre."""
     facing_deg: float

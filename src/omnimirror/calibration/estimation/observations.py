@@ -639,7 +639,7 @@ def simulate_detections(
     Raises
     ------
     InvalidParameter
-        If the camera sees the board at no pose.
+        If the board is outside the field of the camera at all poses.
 
     Examples
     --------

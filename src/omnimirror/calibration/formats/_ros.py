@@ -69,7 +69,7 @@ def _camera(
 ) -> Any:
     """Create the camera of a distortion model and its coefficients."""
     model = table["distortion_model"].choice(*COUNTS, "fisheye")
-    model = "equidistant" if model == "fisheye" else model  # as some drivers call it
+    model = "equidistant" if model == "fisheye" else model  # name used by some drivers
     k = table[coefficients].row(*COUNTS[model])
     focal, centre, skew = matrix
     common: dict[str, Any] = {

@@ -126,7 +126,7 @@ OCAMCALIB = CameraFormat(
 # s.StretchMatrix)``.
 
 MATLAB_MAX = 1e100
-MIN_STRETCH = 1e-3  # of the first element of the stretch matrix, which is near 1
+MIN_STRETCH = 1e-3  # first element of the stretch matrix, which is near 1
 MATLAB_SCRIPT = re.compile(rb"fisheyeIntrinsics\s*\(")
 MATLAB_TERMS = frozenset({"a0", "a2", "a3", "a4", "cx", "cy", "c", "d", "e"})
 MATLAB_NAMES = ("MappingCoefficients", "ImageSize", "DistortionCenter", "StretchMatrix")

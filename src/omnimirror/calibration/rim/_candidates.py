@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..edge_detection import FINER_PX, EdgePoints, WorkingImage, at_working_size, edges_of, turns
+from ..edge_detection import (
+    FINER_PX,
+    EdgePoints,
+    WorkingImage,
+    at_working_size,
+    edges_of,
+    revolution_angles,
+)
 from ._ellipses import MAX_STRETCH, NORMAL_SLACK, Ellipse, Shift, fit_ellipse, shifted
 from ._features import FAMILY_OFFSET, SAME_RING, SECTORS, Finer, Ring, ring_of
 
@@ -89,7 +96,7 @@ def visible_fraction(size: tuple[int, int], radius: float) -> NDArray[np.float32
     import cv2
 
     columns, rows = (np.linspace(0, side - 1, side // COARSE + 2) for side in size)
-    azimuth = turns(48)
+    azimuth = revolution_angles(48)
     u, v = columns[:, None] + radius * np.cos(azimuth), rows[:, None] + radius * np.sin(azimuth)
     in_u, in_v = (u >= 0) & (u <= size[0] - 1), (v >= 0) & (v <= size[1] - 1)
     coarse_fraction = in_v.astype(np.float32) @ in_u.astype(np.float32).T / np.float32(len(azimuth))

@@ -16,7 +16,7 @@ from ...base.typing import Array
 from ..edge_detection import WorkingImage
 from ._features import Ring, RingFeatures, relations, ring_features, surrounding_statistics
 
-CLASSIFIER_FILE = Path(__file__).with_name("committee.json")
+CLASSIFIER_FILE = Path(__file__).with_name("rim_classifier.json")
 SHORT = 16  # rings on the short list
 UNLISTED = -12.0  # log odds of the other rings
 MAX_SCORE = 3.0  # clipping of features in standard deviations; there are no training data beyond
@@ -27,7 +27,11 @@ FIRST_WEIGHTS = np.array([
 ])  # fmt: skip
 FIRST_NONE = 19.886
 SAME_RANK, MIN_MARGIN, MIN_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # centres and widths
-PARALLEL_WEIGHT, USUAL_PARALLEL, MAX_PARALLEL = 30.0, 0.1, 0.2  # of the parallel fraction
+PARALLEL_WEIGHT, USUAL_PARALLEL, MAX_PARALLEL = (
+    30.0,
+    0.1,
+    0.2,
+)  # weight, typical value and maximum of the parallel fraction
 FAINT_RING, CLEAR_RING, HOUSING_COST = 0.6, 0.75, 6.0  # fractions of an inner ring, and log odds
 FIRST = -2  # index of the first classifier's result among the features
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.typing import Array
-from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, turns
+from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, revolution_angles
 
 # -- Ellipses and their fit to edges ---------------------------------------------------------------
 
@@ -184,7 +184,7 @@ def _moves(shift: Shift, stretch: tuple[float, float]) -> tuple[Array, Array, ND
     moves = np.stack(
         [a.ravel() for a in np.meshgrid(steps, steps, steps, bends, bends, indexing="ij")], axis=1
     )
-    azimuth = turns(shift.turns) + np.pi / shift.turns
+    azimuth = revolution_angles(shift.turns) + np.pi / shift.turns
     normals = Ellipse((0.0, 0.0), 1.0, stretch).outward(azimuth)
     outwards = np.stack(
         [
@@ -343,9 +343,9 @@ def refine_ring(levels: NDArray[np.number], ring: Ellipse, scale: float) -> tupl
     return best, fraction
 
 
-def clearness(ellipse: Ellipse, share: float) -> float:
+def clearness(ellipse: Ellipse, fraction: float) -> float:
     """Return the clarity of an ellipse: fraction of close edges minus a stretch penalty."""
-    return share - STRETCH_COST * float(np.hypot(*ellipse.stretch))
+    return fraction - STRETCH_COST * float(np.hypot(*ellipse.stretch))
 
 
 def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:
@@ -355,7 +355,7 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
     step = max(0.5, scale / SAMPLES)
     reach = REACH_PX * scale
     distances = np.arange(-reach, reach + step / 2, step)
-    azimuth = turns(PROFILES)
+    azimuth = revolution_angles(PROFILES)
     ring_points, normals = ring.points(azimuth), ring.outward(azimuth)
     points = (ring_points[:, None, :] + distances[None, :, None] * normals[:, None, :]).astype(
         np.float32

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.typing import Array, Mask
-from ..edge_detection import FULL_WEIGHT_STEP, MIN_STEP, EdgePoints, WorkingImage, strongest, turns
+from ..edge_detection import (
+    FULL_WEIGHT_STEP,
+    MIN_STEP,
+    EdgePoints,
+    WorkingImage,
+    revolution_angles,
+    strongest,
+)
 from ._ellipses import NORMAL_SLACK, Ellipse
 
 # -- Edge and texture features ---------------------------------------------------------------------
@@ -230,7 +237,7 @@ def _support(
 
     Edges are counted on, close to, and next to the ring.
     """
-    azimuth = turns(SECTORS) + np.pi / SECTORS
+    azimuth = revolution_angles(SECTORS) + np.pi / SECTORS
     points = ellipse.points(azimuth)
     is_visible = ((points >= 3) & (points <= np.subtract(size, 4))).all(axis=1)
     if not is_visible.any():
@@ -268,7 +275,9 @@ def unrolled(
     """Return the image (turns, shares, channels) around an ellipse, and its visibility."""
     import cv2
 
-    offsets = (ellipse.points(turns(TURNS)) - np.asarray(ellipse.centre)).astype(np.float32)
+    offsets = (ellipse.points(revolution_angles(TURNS)) - np.asarray(ellipse.centre)).astype(
+        np.float32
+    )
     u = offsets[:, :1] * RADIUS_FRACTIONS32 + np.float32(ellipse.centre[0])
     v = offsets[:, 1:] * RADIUS_FRACTIONS32 + np.float32(ellipse.centre[1])
     width, height = working.size

@@ -321,7 +321,7 @@ def _lens_image(sensor: Sensor) -> Array:
         x, y = position
         radius = max(float(np.hypot(x, y)), 1e-9)
         slope = float(mirror.slope(np.array([radius]))[0]) / radius
-        tangents = pose.turned_to_camera(np.array([[1.0, 0.0, slope * x], [0.0, 1.0, slope * y]]))
+        tangents = pose.rotate_to_camera(np.array([[1.0, 0.0, slope * x], [0.0, 1.0, slope * y]]))
         return np.asarray(tangents @ line_of_sight(position)[1][0])
 
     solution = least_squares(tangential_components, np.zeros(2), x_scale=rim_mm)

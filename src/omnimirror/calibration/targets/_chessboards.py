@@ -28,7 +28,7 @@ from .boards import Board
 
 Grey = NDArray[np.float32]
 
-BLUR_PX = 1.5  # of the derivatives
+BLUR_PX = 1.5  # blur before the derivatives
 MAX_CANDIDATES = 1500  # maximum number of corner candidates
 MIN_RESPONSE = 0.02  # relative to the strong responses
 RING_PX = 4.5
@@ -160,7 +160,7 @@ def _nine(
 
 # -- Chessboard detection --------------------------------------------------------------------------
 
-WHOLE = 0.9
+MIN_COMPLETE_FRACTION = 0.9
 """Minimum fraction of the corners of a lattice."""
 MIN_PART = 9  # minimum number of corners of a lattice
 MAX_SEEDS_ONE_BOARD, MAX_SEEDS_SEVERAL_BOARDS = (
@@ -247,7 +247,7 @@ def is_whole(part: LatticePart, board: Board) -> bool:
     """
     return (
         sorted(part.size) == sorted(board.lattice_size)
-        and len(part.places) >= WHOLE * board.corner_count
+        and len(part.places) >= MIN_COMPLETE_FRACTION * board.corner_count
     )
 
 
@@ -259,7 +259,7 @@ def is_larger(part: LatticePart, board: Board) -> bool:
 
 def _is_filled(part: LatticePart) -> bool:
     """Check whether a lattice has nearly all corners of its columns and rows."""
-    return len(part.places) >= WHOLE * part.size[0] * part.size[1]
+    return len(part.places) >= MIN_COMPLETE_FRACTION * part.size[0] * part.size[1]
 
 
 def _parts(image: Grey, board: Board) -> Iterator[LatticePart]:
@@ -281,7 +281,7 @@ def _parts(image: Grey, board: Board) -> Iterator[LatticePart]:
                 is_complete |= is_bounded(smaller, part)
             yield full_size_part
     # OpenCV is slowest if it finds no board: it runs only for incomplete lattices
-    if not has_seeds or max_corners >= WHOLE * board.corner_count or is_complete:
+    if not has_seeds or max_corners >= MIN_COMPLETE_FRACTION * board.corner_count or is_complete:
         return
     for scale in scales(image.shape)[:2]:
         if image.size * scale**2 <= LARGEST_FOR_OPENCV:

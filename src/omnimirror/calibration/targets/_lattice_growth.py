@@ -24,11 +24,11 @@ Grey = NDArray[np.float32]
 
 HALF = 6  # samples from the centre of four squares to the edge of the template
 SEARCH = 5  # maximum offset from the prediction, in samples
-LIKENESS = 0.6
+MIN_CORRELATION = 0.6
 """Minimum correlation with four squares."""
-SEEN = 0.45
+MIN_KNOWN_CORRELATION = 0.45
 """Minimum correlation for known corners."""
-CLEARANCE = 0.25
+MIN_CLEARANCE = 0.25
 """Minimum difference of the darker white and the lighter black square, relative to the contrast.
 
 It is smaller at the boundary of a board.
@@ -36,7 +36,7 @@ It is smaller at the boundary of a board.
 MAX_OFFSET = 0.35
 """Maximum distance from the prediction, in squares."""
 MISFIT = 0.75
-GOES_ON = 0.2
+MAX_CONTINUATION = 0.2
 """Maximum fraction of corner-like places beyond a board's outer corners.
 
 It is 0 on a margin and 0.5 on tiles.
@@ -45,7 +45,7 @@ CONTRAST_OF_CORNER = 0.7
 """Minimum contrast of a corner beyond a lattice, relative to the nearest corner of the lattice."""
 CONTRAST_OF_OUTLINE = (0.25, 0.66)
 """Range of this ratio at the outline of a board; four squares fitted to a T-junction have 0.5."""
-OUTLINED = 0.5
+MIN_OUTLINE_FRACTION = 0.5
 """Minimum fraction of the places beyond each side of a framed board that show its outline."""
 MAX_RINGS = 60
 ASTRAY = (0.2, 0.6)  # in squares, plus px; maximum distance from the prediction
@@ -269,8 +269,8 @@ def _verified_neighbours(
     prediction_error = np.linalg.norm(fit.pixels - maps.pixels, axis=1) / maps.spacing()
     correction = np.linalg.norm(fit.pixels - similarity.pixels, axis=1) / maps.spacing()
     is_accepted = (
-        (similarity.correlation > LIKENESS)
-        & (similarity.clearance > CLEARANCE)
+        (similarity.correlation > MIN_CORRELATION)
+        & (similarity.clearance > MIN_CLEARANCE)
         & (fit.contrast * polarity > 0)
     )
     is_accepted &= (
@@ -312,7 +312,7 @@ class BoardSurroundings(NamedTuple):
     def has_corners(self) -> bool:
         """True if squares of full contrast continue."""
         corners = self.resembles & (self.contrast > CONTRAST_OF_CORNER)
-        return bool(corners.size) and bool(corners.mean() > GOES_ON)
+        return bool(corners.size) and bool(corners.mean() > MAX_CONTINUATION)
 
 
 def goes_on(image: Grey, part: LatticePart) -> bool:
@@ -330,10 +330,13 @@ def goes_on(image: Grey, part: LatticePart) -> bool:
         Lattice that may be a complete board.
     """
     surroundings_of_part = surroundings(image, part)
-    if not surroundings_of_part.resembles.any() or surroundings_of_part.resembles.mean() <= GOES_ON:
+    if (
+        not surroundings_of_part.resembles.any()
+        or surroundings_of_part.resembles.mean() <= MAX_CONTINUATION
+    ):
         return False
     return surroundings_of_part.has_corners or bool(
-        (surroundings_of_part.outlined < OUTLINED).any()
+        (surroundings_of_part.outlined < MIN_OUTLINE_FRACTION).any()
     )
 
 
@@ -341,7 +344,7 @@ def is_bounded(image: Grey, part: LatticePart) -> bool:
     """Check whether the outline of a complete board is visible on all sides of a lattice."""
     surroundings_of_part = surroundings(image, part)
     return not surroundings_of_part.has_corners and bool(
-        (surroundings_of_part.outlined >= OUTLINED).all()
+        (surroundings_of_part.outlined >= MIN_OUTLINE_FRACTION).all()
     )
 
 
@@ -371,7 +374,7 @@ def surroundings(image: Grey, part: LatticePart) -> BoardSurroundings:
             image, maps._replace(pixels=similarity.pixels), CHECKER, is_quick=True
         ).contrast
     )
-    resembles = (similarity.correlation > LIKENESS) & (similarity.clearance > CLEARANCE)
+    resembles = (similarity.correlation > MIN_CORRELATION) & (similarity.clearance > MIN_CLEARANCE)
     return BoardSurroundings(
         resembles, contrast / _contrast_inside(image, part, np.clip(outer, low, high)), sides
     )
@@ -445,7 +448,7 @@ def coloured(image: Grey, places: Places, pixels: Array) -> LatticePart:
     polarity = 1 if similarity.correlation.sum() >= opposite_similarity.correlation.sum() else -1
     similarity = similarity if polarity > 0 else opposite_similarity
     return LatticePart(places, pixels, polarity).subset(
-        (similarity.correlation > SEEN) & (similarity.clearance > CLEARANCE)
+        (similarity.correlation > MIN_KNOWN_CORRELATION) & (similarity.clearance > MIN_CLEARANCE)
     )
 
 
@@ -536,12 +539,12 @@ def _verified_corners(
     prediction_error = np.linalg.norm(fit.pixels - maps.pixels, axis=1) / spacing
     is_confirmed = (
         is_inside
-        & (similarity.correlation > LIKENESS)
+        & (similarity.correlation > MIN_CORRELATION)
         & (fit.contrast * polarity > 0)
         & (prediction_error < MAX_OFFSET)
     )
     if not board.has_markers:
-        is_confirmed &= similarity.clearance > CLEARANCE
+        is_confirmed &= similarity.clearance > MIN_CLEARANCE
     return is_confirmed & (fit.misfit < MISFIT), fit.pixels
 
 

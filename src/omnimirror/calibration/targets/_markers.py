@@ -34,7 +34,7 @@ They are the maximum lateral offset relative to the distance, the maximum distan
 and the minimum number of pairs that determine the layout.
 """
 FRAME = "{} of its tags have a frame of 1 bit, as in AprilTag and OpenCV; tags of Kalibr's April grid have 2 bits"
-SPACING_OFF = 0.25
+MAX_SPACING_ERROR = 0.25
 """Deviation of the gaps between tags, in tag sides, above which the spacing is reported as wrong.
 """
 
@@ -160,7 +160,7 @@ def layout_difference(
             f"N{right[0]:+d} and below it N{below[0]:+d}; Kalibr's order is N{expected[0]:+d} and N{expected[1]:+d}"
         )
     spacing = (right[1] + below[1]) / 2 - 1
-    if abs(spacing - board.spacing) > SPACING_OFF:
+    if abs(spacing - board.spacing) > MAX_SPACING_ERROR:
         return (
             f"the gaps between its tags are {spacing:.2f} times the tag side; "
             f"got spacing = {board.spacing:g}"

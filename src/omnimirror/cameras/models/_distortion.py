@@ -13,7 +13,7 @@ from ...base.typing import Array, Mask
 Rows = tuple[Array, Array]
 
 MIN_RATE = 0.01  # relative to the centre: limit of validity of fitted polynomials
-INVERSION_NODES = 257  # of the table of initial values for inversion
+INVERSION_NODES = 257  # nodes of the table of initial values for inversion
 MAX_STEPS = 30
 MAX_COEFFICIENT = 1e12
 NEWTON_TOLERANCE = 1e-9  # relative Newton step; the remaining error is about its square
@@ -190,8 +190,12 @@ class Rational(NamedTuple):
         """Return derivatives of the distorted point with respect to k1 to k6, p1 and p2."""
         s = x * x + y * y
         numerator, denominator, _, _ = self._parts(s)
-        factors = [power / denominator for power in (s, s * s, s**3)]  # by k1, k2, k3
-        factors += [-factor * numerator / denominator for factor in factors]  # by k4, k5, k6
+        factors = [
+            power / denominator for power in (s, s * s, s**3)
+        ]  # derivatives with respect to k1, k2, k3
+        factors += [
+            -factor * numerator / denominator for factor in factors
+        ]  # derivatives with respect to k4, k5, k6
         return (*((x * factor, y * factor) for factor in factors), *_tangential_terms(x, y, s))
 
     def _parts(self, s: Array) -> tuple[Array, Array, Array, Array]:

@@ -25,7 +25,7 @@ from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialProjection
 
 # -- Kannala-Brandt fisheye model ------------------------------------------------------------------
 
-NODES = 257  # of the table of initial values for inversion
+NODES = 257  # nodes of the table of initial values for inversion
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -69,7 +69,8 @@ class CameraModel(ABC):
 
     @abstractmethod
     def image(self, points_mm: ArrayLike, *, distant: bool = False) -> PointImages:
-        """Project points (n, 3) in the camera frame, with derivatives; ``distant``: directions.
+        """Project points (n, 3) in the camera frame, or directions if ``distant``, with
+        derivatives.
 
         Image edges and rim are ignored.
         """

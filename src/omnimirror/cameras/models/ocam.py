@@ -38,8 +38,10 @@ from .plausibility import inverse_polynomial_warnings, plausibility_warnings
 from .radial_model import ParameterSlot, RadialModel, RadialProjection
 
 MAX_OCAM_COEFFICIENT = 1e100  # its square is finite
-MAX_RADIUS_RATIO = 1.5  # of the farthest corner's radius: limit of points outside the image
-NODES = 257  # of the table of initial values for projection
+MAX_RADIUS_RATIO = (
+    1.5  # relative to the radius of the farthest corner: limit of points outside the image
+)
+NODES = 257  # nodes of the table of initial values for projection
 
 
 @dataclass(frozen=True, kw_only=True)

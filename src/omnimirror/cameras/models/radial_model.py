@@ -59,7 +59,7 @@ class ParameterSlot(NamedTuple):
 
 
 class RadialProjection(NamedTuple):
-    """Radii in the circular image."""
+    """Radii of n field angles in the circular image, with derivatives."""
 
     radius: Array
     """(n,) in the unit of the model: px, or focal lengths."""

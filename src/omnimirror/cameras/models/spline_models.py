@@ -70,9 +70,9 @@ def spline_through(basis: PPoly, values: Array) -> PPoly:
 
 # -- Camera models ---------------------------------------------------------------------------------
 
-NODES_PER_CELL = 16  # of the table of initial values for inversion
+NODES_PER_CELL = 16  # nodes of the table of initial values for inversion
 MIN_KNOTS = 3
-MAX_FITTED_KNOTS, MAX_FIT_ERROR_PX = 16, 0.5  # of a spline fitted to another model
+MAX_FITTED_KNOTS, MAX_FIT_ERROR_PX = 16, 0.5  # limits of a spline fitted to another model
 FIT_SAMPLES = 2001
 MAX_MM = 1e6
 MIN_FIELD_DEG = 1e-3  # star trackers have degrees; rates of narrower fields would overflow

@@ -100,7 +100,7 @@ class BlurProblem:
         return bool(self.widening[self.known_pixels].max(initial=0) > UNEVEN_PX)
 
     @cached_property
-    def share(self) -> Values:
+    def fraction(self) -> Values:
         """Fraction (h, w) of restoration of each pixel, 0 to 1: 0 for sharp pixels and near the
         rim.
         """
@@ -114,10 +114,10 @@ class BlurProblem:
         solution = self.solved(roots, noise, self.effort)
         sharp = np.sqrt(solution.light())
         left = self.left_over(roots, solution)
-        share = self._texture(left, noise) / (1 + self.widening)
-        restored = np.maximum(sharp + share[..., None] * left, 0)
+        fraction = self._texture(left, noise) / (1 + self.widening)
+        restored = np.maximum(sharp + fraction[..., None] * left, 0)
         counts = (1 - _saturated(roots)) * (
-            1 - self._given_share(solution, sharp - roots + left, left, noise)
+            1 - self._input_weight(solution, sharp - roots + left, left, noise)
         )
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
@@ -138,7 +138,7 @@ class BlurProblem:
         deviation = noise.at_least(self.error).by_pixel
         if noise.kind == "JPEG":
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
-        return deviation, np.asarray(noise.visible_share * deviation, np.float32)
+        return deviation, np.asarray(noise.visible_fraction * deviation, np.float32)
 
     def left_over(self, roots: Values, sharp: SharpImage) -> Values:
         """Return the residual of the sharp image (h, w, channels); 0 in unknown pixels."""
@@ -159,7 +159,7 @@ class BlurProblem:
         limited[beyond] = smooth.reshape(limited.shape)[beyond]
         return limited.reshape(roots.shape)
 
-    def _given_share(
+    def _input_weight(
         self, sharp: SharpImage, removed: Values, left: Values, noise: Noise
     ) -> Values:
         """Return the weight (h, w) of the input in the minimum-error mean of both images, with
@@ -176,7 +176,7 @@ class BlurProblem:
         wrong = WRONG / (1 + self.widening / WRONG_PX) ** 2
         errs = texture_of(sharp, noise.by_pixel) * (1 + wrong * blurred)
         errs += DOUBT * np.maximum(_power(left, noise) - 1, 0)
-        own = 1 - np.float32(noise.missing_share * (1 - CURED))
+        own = 1 - np.float32(noise.coding_fraction * (1 - CURED))
         return np.asarray(errs / (errs + own + blurred), np.float32)
 
     def _texture(self, left: Values, noise: Noise) -> Values:
@@ -190,7 +190,7 @@ class BlurProblem:
         power = MEAN_OF_LOG * np.exp(
             logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3))
         )
-        expected = noise.visible_share * noise.by_pixel
+        expected = noise.visible_fraction * noise.by_pixel
         return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * known, np.float32)
 
     @cached_property
@@ -279,7 +279,7 @@ class BlurLimit:
         self._known, self._strips, self._counted = known, strips, edges
         self._problems: dict[float, list[BlurProblem]] = {}
 
-    def share(self, roots: Values, noise: Noise) -> float:
+    def fraction(self, roots: Values, noise: Noise) -> float:
         """Return the largest fraction of the blur that is consistent with an image; 0 if there is
         none.
 
@@ -293,7 +293,7 @@ class BlurLimit:
         if not self.is_blurred_both_ways:
             return 1.0
         parts = [(roots[strip], noise.window(*strip)) for strip in self._strips]
-        lower, upper = (self._residual(share, parts) for share in (TOP, 1.0))
+        lower, upper = (self._residual(fraction, parts) for fraction in (TOP, 1.0))
         if lower <= 0 or upper <= 0:
             return 1.0
         of_noise, of_texture = self._simulated
@@ -306,7 +306,7 @@ class BlurLimit:
             MARGIN_OF_CODED if is_coded else MARGIN
         ) * expected + SLACK * steps and (upper <= MAX_RESIDUAL_OF_ALL * of_noise[-1]):
             return 1.0
-        residuals = np.array([self._residual(share, parts) for share in LIMIT_FRACTIONS])
+        residuals = np.array([self._residual(fraction, parts) for fraction in LIMIT_FRACTIONS])
         if residuals[0] > MAX_RESIDUAL * of_noise[0]:
             return 0.0
         textured = 1.0 if is_coded else (of_noise[0] - residuals[0]) / (of_noise[0] - of_texture[0])
@@ -316,11 +316,11 @@ class BlurLimit:
             MARGIN * (noise_growth + textured * (MAX_GROWTH_RATIO * texture_growth - noise_growth))
             + SLACK
         )
-        share = (
+        fraction = (
             CAUTION
             * LIMIT_FRACTIONS[int(np.argmax([*(np.diff(np.log(residuals)) > limits), True]))]
         )
-        return share if share >= MIN_SHARE else 0.0
+        return fraction if fraction >= MIN_SHARE else 0.0
 
     @cached_property
     def is_blurred_both_ways(self) -> bool:
@@ -357,14 +357,16 @@ class BlurLimit:
                 parts.append(
                     (np.clip(noisy, 0, 0.99).astype(np.float32), specified_noise(NOISE, shape))
                 )
-            samples.append(np.array([self._residual(share, parts) for share in LIMIT_FRACTIONS]))
+            samples.append(
+                np.array([self._residual(fraction, parts) for fraction in LIMIT_FRACTIONS])
+            )
         return samples[0], samples[1]
 
-    def _residual(self, share: float, parts: list[tuple[Values, Noise]]) -> float:
+    def _residual(self, fraction: float, parts: list[tuple[Values, Noise]]) -> float:
         """Return the RMS residual relative to the noise; 0 without valid pixels."""
         squares, count = 0.0, 0
         for (roots, noise), problem, counted in zip(
-            parts, self._problems_of(share), self._counted, strict=True
+            parts, self._problems_of(fraction), self._counted, strict=True
         ):
             if not problem.known_pixels.any():
                 continue
@@ -380,11 +382,11 @@ class BlurLimit:
             count += int(whole.sum())
         return float(np.sqrt(squares / max(count, 1)))
 
-    def _problems_of(self, share: float) -> list[BlurProblem]:
-        if share not in self._problems:
-            known = self._known.scaled(share)
-            self._problems[share] = [BlurProblem(known.window(*strip)) for strip in self._strips]
-        return self._problems[share]
+    def _problems_of(self, fraction: float) -> list[BlurProblem]:
+        if fraction not in self._problems:
+            known = self._known.scaled(fraction)
+            self._problems[fraction] = [BlurProblem(known.window(*strip)) for strip in self._strips]
+        return self._problems[fraction]
 
 
 def _texture(shape: tuple[int, ...], rng: np.random.Generator) -> Values:
@@ -460,7 +462,7 @@ class BlurScale:
         """True if the residuals of an image limit the fraction of its blur."""
         return self._limit.is_blurred_both_ways
 
-    def shown_share(self, roots: Values, noise: Noise, *, may_be_sharper: bool = True) -> float:
+    def blur_fraction(self, roots: Values, noise: Noise, *, may_be_sharper: bool = True) -> float:
         """Return the fraction of the known blur in an image: 1 unless it is sharper or has too
         little detail.
 
@@ -479,32 +481,32 @@ class BlurScale:
         always detected. 0.85 for an image full of texture that conceals it.
         """
         noise = noise.at_least(MIN_ASSUMED_NOISE)
-        limit = self._limit.share(roots, noise) if may_be_sharper else 1.0
-        return min(limit, self._bent_share(roots, noise)) if limit > 0 else 0.0
+        limit = self._limit.fraction(roots, noise) if may_be_sharper else 1.0
+        return min(limit, self._fraction_at_bend(roots, noise)) if limit > 0 else 0.0
 
-    def _bent_share(self, roots: Values, noise: Noise) -> float:
+    def _fraction_at_bend(self, roots: Values, noise: Noise) -> float:
         """Return the fraction at the bend of the residual of the regularised image."""
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
-        share = 1.0
-        while share > MIN_FRACTION:
+        fraction = 1.0
+        while fraction > MIN_FRACTION:
             left = np.array(
-                [self._left_over(share * part, roots, noise) for part in TESTED_FRACTIONS]
+                [self._left_over(fraction * part, roots, noise) for part in TESTED_FRACTIONS]
             )
             is_positive = (left > 0).all(axis=0)
             if not is_positive.any():
-                return share
+                return fraction
             grown = (left / np.maximum(left[:1], 1e-9))[:, is_positive]
             is_explained = left[0, is_positive].mean() <= EXPLAINED
             much = MUCH_OF_EXPLAINED if is_explained else MUCH
-            bend = self._bend(grown, limit, much, is_lowered=share < 1)
+            bend = self._bend(grown, limit, much, is_lowered=fraction < 1)
             if bend is None:
                 is_unseen = grown[-1].mean() < 1 + GROWTH and (
                     noise.kind == "JPEG" or not is_explained
                 )
-                return UNSEEN_SHARE if share == 1 and is_unseen else share
-            share *= TESTED_FRACTIONS[1 + bend]
+                return UNSEEN_SHARE if fraction == 1 and is_unseen else fraction
+            fraction *= TESTED_FRACTIONS[1 + bend]
             limit = max(limit, BEND_AGAIN)
-        return share
+        return fraction
 
     def _bend(self, grown: Array, limit: float, much: float, *, is_lowered: bool) -> int | None:
         """Return the index of the middle fraction at the bend of the residual, (fractions, bands);
@@ -527,12 +529,12 @@ class BlurScale:
     def _is_large(self) -> bool:
         return any(problem.is_large_anywhere for problem in self._problems(TESTED_FRACTIONS[-1]))
 
-    def _left_over(self, share: float, roots: Values, noise: Noise) -> Array:
+    def _left_over(self, fraction: float, roots: Values, noise: Noise) -> Array:
         """Return the RMS residual (bands,) relative to the noise for each radius; 0 for bands
         without pixels.
         """
         squares, counts = np.zeros(BANDS), np.zeros(BANDS)
-        for strip, problem in zip(self._strips, self._problems(share), strict=True):
+        for strip, problem in zip(self._strips, self._problems(fraction), strict=True):
             if not problem.known_pixels.any():
                 continue
             here = problem.within(roots[strip])
@@ -551,15 +553,15 @@ class BlurScale:
             counts += np.bincount(band, minlength=BANDS)
         return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
 
-    def _problems(self, share: float) -> list[BlurProblem]:
+    def _problems(self, fraction: float) -> list[BlurProblem]:
         """Return one problem per strip; those used for every image are cached."""
-        problems = self._prepared.get(share)
+        problems = self._prepared.get(fraction)
         if problems is None:
             problems = [
-                BlurProblem(self._known.window(*strip).scaled(share)) for strip in self._strips
+                BlurProblem(self._known.window(*strip).scaled(fraction)) for strip in self._strips
             ]
-            if share in TESTED_FRACTIONS:
-                self._prepared[share] = problems
+            if fraction in TESTED_FRACTIONS:
+                self._prepared[fraction] = problems
         return problems
 
 

@@ -167,14 +167,14 @@ EDGE_QUANTILE = 0.85
 MIN_WIDTH_PX, LARGE_WIDTH_PX, MAX_WIDTH_PX = 0.9, 1.5, 8.0  # across edges; the large ones precede
 MIN_LIMIT_OF_SMALL = 0.6  # smaller fractions of small blur are indistinguishable from no blur
 MAX_RISE = 1.1  # of the step: larger rises belong to lines
-MIN_COSINE = 0.9  # of the angle between the edge normal and the row
+MIN_COSINE = 0.9  # cosine of the angle between the edge normal and the row
 SATURATED = 0.97
 MIN_TEXTURE_WIDTH_PX = 0.8
 SECTOR = (
     0.4  # tangent of the half angle about the rows and columns where they are principal directions
 )
 MIN_TEXTURE_PIXELS = 500
-MIN_TEXTURE_OF_NOISE = 0.3  # of the mean squared difference of second neighbours
+MIN_TEXTURE_OF_NOISE = 0.3  # fraction of the mean squared difference of second neighbours
 FRACTIONS = np.arange(0.0, 1.31, 0.05)
 
 
@@ -198,7 +198,7 @@ def blur_limit(
     light = np.ascontiguousarray(linear_from_srgb(colours).mean(axis=2), dtype=np.float32)
     radius = known.radius
     inside = (radius < known.whole_radius_px) & (colours.max(axis=2) < SATURATED)
-    deviation = 0.0 if noise.kind == "JPEG" else noise.share
+    deviation = 0.0 if noise.kind == "JPEG" else noise.fraction
     edges = _edge_rises(grey, light, inside, known, sizes, deviation)
     inside &= radius < known.whole_radius_px - 2
     variance = deviation**2 / colours.shape[2]

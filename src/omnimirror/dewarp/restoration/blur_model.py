@@ -272,7 +272,7 @@ def whole_groups(length: int) -> int:
 
 
 def _parts(length: int) -> list[int]:
-    """Return the start of tiles of about equal size along a side, and the end."""
+    """Return the starts of tiles of about equal size along a side, and the end of the last one."""
     tiles = -(-length // TILE_PX)
     return [*range(0, length, whole_groups(-(-length // tiles))), length]
 
@@ -358,10 +358,10 @@ class RadialBlur:
         """Return the blur of an image window."""
         return replace(self, offsets=self.offsets[rows, columns])
 
-    def scaled(self, share: float) -> RadialBlur:
+    def scaled(self, fraction: float) -> RadialBlur:
         """Return a fraction of the blur."""
         return replace(
-            self, sizes=lambda radius: BlurSize(*(share * size for size in self.sizes(radius)))
+            self, sizes=lambda radius: BlurSize(*(fraction * size for size in self.sizes(radius)))
         )
 
 
@@ -397,7 +397,7 @@ def radial_blur_of(
     if isinstance(camera, Sensor):
         offsets = offsets_from_axis(camera)
         if specified is None:
-            share = 1.0 if f_number is None else min(1.0, camera.lens.stop_number / f_number)
+            fraction = 1.0 if f_number is None else min(1.0, camera.lens.stop_number / f_number)
 
             def sizes(radius: Array) -> BlurSize:
                 result = blur_sizes(camera, radius, object_distance_mm)
@@ -410,7 +410,7 @@ def radial_blur_of(
                     result = BlurSize(
                         *(np.minimum(*pair) for pair in zip(result, other, strict=True))
                     )
-                return BlurSize(*(share * size for size in result))
+                return BlurSize(*(fraction * size for size in result))
 
             return RadialBlur(offsets, whole_radius_px(camera), sizes)
         return _specified_blur(offsets, camera.rim_radius_px, specified)

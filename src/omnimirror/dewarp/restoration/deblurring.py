@@ -33,7 +33,7 @@ Values = NDArray[np.float32]
 class Decision(NamedTuple):
     """Removed fraction of the known blur, and the reason if it is not 1."""
 
-    share: float
+    fraction: float
     """Fraction from 0 to 1; at 0 the image is unchanged."""
     reason: str = ""
     """Empty if all of the blur is removed."""
@@ -129,8 +129,8 @@ def restore(
     file, exposure = None, Exposure()
     if isinstance(image, str | Path):
         file = Path(image)
-        image, carried = read_image_and_metadata(file, stored_orientation=stored_orientation)
-        exposure = exposure_of(carried.exif)
+        image, metadata = read_image_and_metadata(file, stored_orientation=stored_orientation)
+        exposure = exposure_of(metadata.exif)
     instance("image", image, np.ndarray, "an array of pixels or a file")
     restorer = Restorer.of_exposure(camera, exposure, object_distance_mm, blur)
     restored, words = restorer.reported(image, noise, file)
@@ -167,21 +167,21 @@ class Restorer:
     """
 
     def __call__(
-        self, image: ImageArray, noise: float | Noise | None = None, share: float | None = None
+        self, image: ImageArray, noise: float | Noise | None = None, fraction: float | None = None
     ) -> ImageArray:
-        """Restore an image as :func:`restore`, removing ``share`` of the blur; by default that of
+        """Restore an image as :func:`restore`, removing ``fraction`` of the blur; by default that of
         :meth:`decide`.
         """
         estimate = self._noise_of(image, noise)
-        if share is None:
-            share = self.decide(image, estimate).share
-        if share == 0:
+        if fraction is None:
+            fraction = self.decide(image, estimate).fraction
+        if fraction == 0:
             return image.copy()
         colours = image[..., None] if image.ndim == 2 else image[..., :3]
         light = _light(colours)
-        problem = self._problem(share)
+        problem = self._problem(fraction)
         sharp = problem.sharp_roots(np.sqrt(light), estimate) ** 2
-        mixing = problem.share[..., None]
+        mixing = problem.fraction[..., None]
         full = FULL[image.dtype.name]
         if image.dtype == np.float32:
             mixed = light + mixing * (sharp - light)
@@ -237,10 +237,10 @@ class Restorer:
         if self.f_number is not None:
             assert isinstance(self.camera, Sensor)
             known = self.camera.lens.stop_number
-            share = known / self.f_number
+            fraction = known / self.f_number
             effect = (
-                f"{100 * share:.0f} % of the blur is assumed"
-                if share < 1
+                f"{100 * fraction:.0f} % of the blur is assumed"
+                if fraction < 1
                 else "the blur of the sensor is assumed"
             )
             words.append(f"EXIF has F/{self.f_number:.3g}, the sensor F/{known:.3g}: {effect}")
@@ -265,12 +265,14 @@ class Restorer:
         )
         decision = self.decide(image, estimate)
         described = f"; {words}" if (words := self.exposure_words) else ""
-        if decision.share == 0:
+        if decision.fraction == 0:
             return image.copy(), f"not restored because {decision.reason}{described}"
-        text = f"restored with noise of {100 * estimate.share:.2g} % ({estimate.kind}){described}"
-        if decision.share < 1:
-            text += f", and {100 * decision.share:.0f} % of the blur is removed because {decision.reason}"
-        return self(image, estimate, decision.share), text
+        text = (
+            f"restored with noise of {100 * estimate.fraction:.2g} % ({estimate.kind}){described}"
+        )
+        if decision.fraction < 1:
+            text += f", and {100 * decision.fraction:.0f} % of the blur is removed because {decision.reason}"
+        return self(image, estimate, decision.fraction), text
 
     def estimate_noise(self, image: ImageArray, file: str | Path | None = None) -> Noise:
         """Estimate the noise of an image inside the rim; see :func:`~omnimirror.estimate_noise`."""
@@ -288,27 +290,33 @@ class Restorer:
         light = _light(colours)
         grey = srgb_from_linear(light.mean(axis=2))
         is_coded = estimate.kind == "JPEG"
-        visible = 0.0 if is_coded else estimate.share
+        visible = 0.0 if is_coded else estimate.fraction
         inside = self.radius < self.known.whole_radius_px
         beyond = overshoot(np.asarray(grey, np.float32), inside, visible)
-        doubtful, sharpened = overshoot_limits(estimate.share, is_coded=is_coded)
+        doubtful, sharpened = overshoot_limits(estimate.fraction, is_coded=is_coded)
         if beyond > sharpened:
             return Decision(0.0, SHARPENED)
         limits = blur_limit(srgb_from_linear(light), self.known, self.problem.sizes, estimate)
-        share = self._scale.shown_share(
+        fraction = self._scale.blur_fraction(
             np.sqrt(light), estimate, may_be_sharper=not np.fmin(*limits) >= CERTAIN_LIMIT
         )
-        if share > 0:
-            share = min(share, self._sharpness_limit(*limits, is_coded=is_coded))
+        if fraction > 0:
+            fraction = min(fraction, self._sharpness_limit(*limits, is_coded=is_coded))
         if beyond > doubtful:
-            return Decision(min(share, MAX_SHARE_OF_DOUBTFUL), SLIGHTLY_SHARPENED)
-        if share == 0:
+            return Decision(min(fraction, MAX_SHARE_OF_DOUBTFUL), SLIGHTLY_SHARPENED)
+        if fraction == 0:
             return Decision(0.0, SHARPER)
-        if is_coded and np.isnan(beyond) and share > MAX_SHARE_OF_CODED:
+        if is_coded and np.isnan(beyond) and fraction > MAX_SHARE_OF_CODED:
             return Decision(MAX_SHARE_OF_CODED, FEW_EDGES)
-        if estimate.share < MIN_ASSUMED_NOISE and self._is_small and share > MAX_SHARE_OF_SMALL:
+        if (
+            estimate.fraction < MIN_ASSUMED_NOISE
+            and self._is_small
+            and fraction > MAX_SHARE_OF_SMALL
+        ):
             return Decision(MAX_SHARE_OF_SMALL, SMALL_BLUR_REASON)
-        return Decision(share, "" if share == 1 else UNSEEN if share == UNSEEN_SHARE else NO_MORE)
+        return Decision(
+            fraction, "" if fraction == 1 else UNSEEN if fraction == UNSEEN_SHARE else NO_MORE
+        )
 
     def _sharpness_limit(self, edges: float, texture: float, *, is_coded: bool) -> float:
         """Return the fraction of the blur from the limits of edges and texture; 0 if it is small.
@@ -342,9 +350,9 @@ class Restorer:
             < SMALL_PX
         )
 
-    def shown_share(self, image: ImageArray, noise: float | Noise | None = None) -> float:
+    def blur_fraction(self, image: ImageArray, noise: float | Noise | None = None) -> float:
         """Return the fraction of the known blur that is removed from an image."""
-        return self.decide(image, noise).share
+        return self.decide(image, noise).fraction
 
     @cached_property
     def known(self) -> RadialBlur:
@@ -367,19 +375,19 @@ class Restorer:
         return BlurProblem(self.known)
 
     @property
-    def share(self) -> Values:
+    def fraction(self) -> Values:
         """Fraction (h, w) of restoration of each pixel, 0 to 1: 0 for sharp pixels and near the
         rim.
         """
-        return self.problem.share
+        return self.problem.fraction
 
     @cached_property
     def radius(self) -> NDArray[np.float64]:
         """Distance (h, w) px of every pixel from the optical axis."""
         return self.known.radius
 
-    def _problem(self, share: float) -> BlurProblem:
-        return self.problem if share == 1 else BlurProblem(self.known.scaled(share))
+    def _problem(self, fraction: float) -> BlurProblem:
+        return self.problem if fraction == 1 else BlurProblem(self.known.scaled(fraction))
 
     def _noise_of(self, image: ImageArray, noise: float | Noise | None) -> Noise:
         self._check(image)

@@ -277,20 +277,20 @@ def _likelihoods(zero: Mask, table: Array) -> Array:
     return likelihoods
 
 
-def _error_of_zeros(share: Array, count: int, law: Array, table: Array) -> Array:
+def _error_of_zeros(fraction: Array, count: int, law: Array, table: Array) -> Array:
     """Return mean squared errors (8, 8) from the fraction of zeros of each coefficient in a number
     of blocks.
     """
     half = table / 2
-    own = -half / np.log1p(-np.clip(share, 1e-3, 1 - 0.5 / count))
-    width = np.where(share < MOSTLY_ZERO, own, np.minimum(own, law))
+    own = -half / np.log1p(-np.clip(fraction, 1e-3, 1 - 0.5 / count))
+    width = np.where(fraction < MOSTLY_ZERO, own, np.minimum(own, law))
     x = half / width
     small = half**2 / 3  # for x much below 1: uniform within the step
     with np.errstate(invalid="ignore", divide="ignore"):
         below = (
             2 * width**2 - np.exp(-x) * (half**2 + 2 * half * width + 2 * width**2)
         ) / -np.expm1(-x)
-    error: Array = (1 - share) * table**2 / 12 + share * np.where(x < 1e-2, small, below)
+    error: Array = (1 - fraction) * table**2 / 12 + fraction * np.where(x < 1e-2, small, below)
     return error
 
 
@@ -325,20 +325,20 @@ SURVIVING = 0.8  # ratio of the noise that survives coding in uniform blocks to 
 class Noise(Result):
     """Noise of an image."""
 
-    share: float
+    fraction: float
     """Standard deviation in sRGB as a fraction of full scale: RMS over the image."""
     by_pixel: Light
     """Standard deviations (h, w) of the square root of the light, which is close to sRGB values."""
     kind: str
-    """Kind of noise: ``white``, ``demosaiced``, ``JPEG``, ``linear`` or ``told``."""
-    missing_share: float = 0.0
+    """Kind of noise: ``white``, ``demosaiced``, ``JPEG``, ``linear`` or ``specified``."""
+    coding_fraction: float = 0.0
     """Fraction of its power due to coding, which is mostly invisible because texture was removed.
     """
 
     @property
-    def visible_share(self) -> float:
+    def visible_fraction(self) -> float:
         """Visible fraction of the standard deviation."""
-        return float(np.sqrt(1 - self.missing_share * (1 - VISIBLE_OF_CODED**2)))
+        return float(np.sqrt(1 - self.coding_fraction * (1 - VISIBLE_OF_CODED**2)))
 
     def at_least(self, by_pixel: Light | np.float32) -> Noise:
         """Return the noise with a lower bound for each pixel (h, w)."""
@@ -386,7 +386,7 @@ def estimate_noise(
     Examples
     --------
     >>> slope = np.linspace(0.2, 0.8, 256) + 0.01 * np.random.default_rng(0).standard_normal((256, 256))
-    >>> round(estimate_noise((255 * slope).astype(np.uint8)).share, 3)
+    >>> round(estimate_noise((255 * slope).astype(np.uint8)).fraction, 3)
     0.01
     """
     check_restorable(image)
@@ -410,7 +410,7 @@ def estimate_noise(
             visible = left * (left / max(like_noise, MIN_NOISE**2)) ** 2
             variance = max(level, MIN_NOISE_OF_CODED**2)
             return replace(
-                _even(variance, inside.shape, "JPEG"), missing_share=(level - visible) / variance
+                _even(variance, inside.shape, "JPEG"), coding_fraction=(level - visible) / variance
             )
     demosaiced = _is_demosaiced(colours, inside)
     return _even(
@@ -433,7 +433,7 @@ def check_restorable(image: ImageArray) -> None:
         )
 
 
-def specified_noise(share: float, shape: tuple[int, ...]) -> Noise:
+def specified_noise(fraction: float, shape: tuple[int, ...]) -> Noise:
     """Return uniform noise for all pixels of an image.
 
     Raises
@@ -441,16 +441,16 @@ def specified_noise(share: float, shape: tuple[int, ...]) -> Noise:
     InvalidParameter
         If the fraction is not a number from 0 to 0.2.
     """
-    if not 0 <= share <= MAX_NOISE:
+    if not 0 <= fraction <= MAX_NOISE:
         raise InvalidParameter(
-            f"noise must be between 0 and {MAX_NOISE} of full scale; got {share:g}"
+            f"noise must be between 0 and {MAX_NOISE} of full scale; got {fraction:g}"
         )
-    return _even(share**2, shape, "specified")
+    return _even(fraction**2, shape, "specified")
 
 
 def _even(variance: float, shape: tuple[int, ...], kind: str) -> Noise:
-    share = float(np.clip(np.sqrt(variance), MIN_NOISE, MAX_NOISE))
-    return Noise(share, np.full(shape[:2], share, np.float32), kind)
+    fraction = float(np.clip(np.sqrt(variance), MIN_NOISE, MAX_NOISE))
+    return Noise(fraction, np.full(shape[:2], fraction, np.float32), kind)
 
 
 def _of_light(light: Light, inside: Mask) -> Noise:

@@ -206,7 +206,7 @@ class ImageProcessor:
         if view in self.dewarpers:
             return self.dewarpers[view].dewarp(source, output)
         converted = as_stored(source.pixels, format_of(output))
-        metadata, _ = source.metadata.that_fits(output, converted, False)
+        metadata, _ = source.metadata.supported_by(output, converted, False)
         return DewarpedImage(converted, None, metadata, "")
 
     def view_size(self, view: str) -> tuple[int, int]:

@@ -21,7 +21,7 @@ FORBIDDEN_CLOSE_CODE = 4403
 TOKEN_REQUIRED = "a token is required; it is part of the link that the server printed at start"
 HOST = re.compile(r"(\[[0-9a-f:.]+\]|[a-z0-9._-]+)(?::(\d{1,5}))?", re.I)
 OWN_SITES = ("same-origin", "none")
-"""Values of Sec-Fetch-Site for requests of our own pages and for typed addresses."""
+"""Values of Sec-Fetch-Site for requests of pages of this server and for typed addresses."""
 
 
 def is_loopback(host: str) -> bool:

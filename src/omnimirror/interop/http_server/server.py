@@ -24,7 +24,7 @@ from .auth import is_loopback
 from .limits import MAX_MESSAGE_BYTES
 
 REQUEST_TIMEOUT_S = 10.0
-"""Maximum time for the head of a request."""
+"""Maximum time for the header of a request."""
 WRITE_TIMEOUT_S = 60.0
 """Maximum time for which a full write buffer waits for its client."""
 IDLE_TIMEOUT_S = 1800.0
@@ -35,7 +35,7 @@ RESERVED_FILES = 64
 """Open files that are not counted as connections."""
 ANY_ADDRESS = ("0.0.0.0", "::", "")
 HANGUP: Any = getattr(signal, "SIGHUP", None)
-"""None on Windows."""
+"""Signal of a closed terminal; None on Windows."""
 BACKLOG = 256
 """Connections waiting to be accepted."""
 ACCEPTS_PER_CYCLE = 8
@@ -196,7 +196,7 @@ class Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Stop also at SIGHUP unless it is ignored; the signal is raised again afterwards."""
+        """Handle SIGHUP as a stop signal unless it is ignored; the signal is raised again afterwards."""
         previous = signal.getsignal(HANGUP) if HANGUP is not None else None
         is_main = threading.current_thread() is threading.main_thread()
         if not is_main or previous in (None, signal.SIG_IGN):
@@ -304,7 +304,7 @@ def listen(host: str, port: int) -> socket.socket:
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # asyncio disables Nagle's algorithm only for sockets with an explicit protocol. Otherwise the
-    # body of a response waits 40 ms for the acknowledgement of its head.
+    # body of a response waits 40 ms for the acknowledgement of its header.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

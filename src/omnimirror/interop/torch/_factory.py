@@ -99,7 +99,7 @@ def _checked_dtype(dtype: object) -> object:
 
 
 def _available_device(device: object, dtype: object) -> object:
-    """Return a device with its index, after a test computation in the type."""
+    """Return a device with its index, after a test computation with the data type."""
     try:
         probe = torch.zeros(1, dtype=dtype, device=device)
         probe.item()

@@ -161,7 +161,7 @@ def compiled_intersections(
     x, y, z = (_as_float(part) for part in pupil)
     surface, until = tables.surface((x, y, z), False), search.until(tolerance)
     backend.kernels.meet_mirror(
-        surface, until, tables.depth, tables.most_tangent, inputs, rows, states
+        surface, until, tables.depth, tables.max_tangent, inputs, rows, states
     )
     x, y, z, sx, sy, _ = _tensors(rows, direction[0])
     return CompiledIntersections((x, y, z), (sx, sy), torch.from_numpy(states) == SEEN)

@@ -159,9 +159,9 @@ def _interpolation_matrix(
     node_columns = (columns // step)[:, None, None] + np.arange(4)
     numbers = (node_rows * shape[1] + node_columns).ravel()
     table = catmull_rom_weights(step)
-    shares = table[rows % step][:, :, None] * table[columns % step][:, None, :]
+    contributions = table[rows % step][:, :, None] * table[columns % step][:, None, :]
     places = np.repeat(np.arange(len(rows)), 16), numbers
-    matrix = sparse.csr_matrix((shares.ravel(), places), (len(rows), len(missing)))
+    matrix = sparse.csr_matrix((contributions.ravel(), places), (len(rows), len(missing)))
     return matrix, values[rows, columns]
 
 
@@ -177,9 +177,9 @@ def interpolate(nodes: Array, step: int) -> Array:
     """Interpolate nodes (rows, columns, k) at all pixels, first vertically, then horizontally."""
     for axis in (0, 1):
         cell, offset = np.divmod(np.arange((nodes.shape[axis] - 3) * step), step)
-        shares = catmull_rom_weights(step)[offset]
+        contributions = catmull_rom_weights(step)[offset]
         shape = [-1 if i == axis else 1 for i in range(3)]
-        terms = [shares[:, i].reshape(shape) * nodes.take(cell + i, axis) for i in range(4)]
+        terms = [contributions[:, i].reshape(shape) * nodes.take(cell + i, axis) for i in range(4)]
         nodes = terms[0] + terms[1] + terms[2] + terms[3]
     return nodes
 

@@ -24,10 +24,10 @@ from .tables import (
     Rows,
     allocated_rows,
     form_rms_um,
-    hidden_rows,
     indication_rows,
     mass_words,
     mirror_rows,
+    obscuration_rows,
     sag_rows,
     sensor_rows,
     tolerance_rows,
@@ -202,7 +202,7 @@ def _draw_sensor_sheet(
     draw_frame(paper)
     flow = Flow(paper, layout.columns)
     flow.table(sensor_rows(sensor), "SENSOR")
-    flow.table(hidden_rows(sensor), "OBSCURATIONS")
+    flow.table(obscuration_rows(sensor), "OBSCURATIONS")
     flow.next_column()
     if allocated := allocated_rows(stated):
         flow.table(allocated, "ALLOCATED TOLERANCES")

@@ -289,7 +289,7 @@ def add_layout(doc: Any, sheet: Sheet) -> None:
         _add_line(doc, layout, line)
     for patch in sheet.ax.patches:
         corners = np.asarray(patch.get_path().vertices)[:-1]
-        layout.add_solid([*map(tuple, corners)], dxfattribs=_look(patch.get_facecolor()))
+        layout.add_solid([*map(tuple, corners)], dxfattribs=_line_attributes(patch.get_facecolor()))
     for text in sheet.ax.texts:
         _add_text(layout, text)
     doc.layouts.delete("Layout1")  # default layout
@@ -298,12 +298,14 @@ def add_layout(doc: Any, sheet: Sheet) -> None:
 def _add_line(doc: Any, layout: Any, line: Line2D) -> None:
     points = np.stack([line.get_xdata(), line.get_ydata()], axis=-1)
     wide = line.get_linewidth() / POINT
-    look = _look(line.get_color()) | {"lineweight": min(WIDTHS, key=lambda w: abs(w - 100 * wide))}
+    appearance = _line_attributes(line.get_color()) | {
+        "lineweight": min(WIDTHS, key=lambda w: abs(w - 100 * wide))
+    }
     _, dashes = line._unscaled_dash_pattern  # type: ignore[attr-defined]  # pattern passed to set_dashes
     if dashes:
-        look["linetype"] = _linetype(doc, [d * wide for d in dashes])
-        look["ltscale"] = 1.0 / doc.header["$LTSCALE"]
-    layout.add_lwpolyline([*map(tuple, points)], dxfattribs=look)
+        appearance["linetype"] = _linetype(doc, [d * wide for d in dashes])
+        appearance["ltscale"] = 1.0 / doc.header["$LTSCALE"]
+    layout.add_lwpolyline([*map(tuple, points)], dxfattribs=appearance)
 
 
 def _linetype(doc: Any, dashes: list[float]) -> str:
@@ -332,11 +334,11 @@ def _add_text(layout: Any, text: Text) -> None:
         dxf_text(text.get_text()),
         height=float(text.get_fontsize()) / POINT * CAPITAL,
         rotation=text.get_rotation(),
-        dxfattribs={"style": PAPER_STYLE, **_look(text.get_color())},
+        dxfattribs={"style": PAPER_STYLE, **_line_attributes(text.get_color())},
     )
     words.set_placement(text.get_position(), align=TextEntityAlignment[name])
 
 
-def _look(colour: Any) -> dict[str, Any]:
+def _line_attributes(colour: Any) -> dict[str, Any]:
     red, green, blue = (round(255 * c) for c in to_rgb(colour))
     return {"layer": PAPER_LAYER, "true_color": red << 16 | green << 8 | blue}

@@ -65,11 +65,11 @@ class Assembly(NamedTuple):
 
     @classmethod
     def of(cls, sensor: Sensor, body: Body, secondary_body: Body | None = None) -> Assembly:
-        standing, shift = sensor.obstructions, sensor.mirror_pose.displacement_mm
+        obstructions, shift = sensor.obstructions, sensor.mirror_pose.displacement_mm
         housing, lens, base = (
-            standing.housing,
-            standing.envelope.lens_mm - shift,
-            standing.envelope.base_mm - shift,
+            obstructions.housing,
+            obstructions.envelope.lens_mm - shift,
+            obstructions.envelope.base_mm - shift,
         )
         away = 0.0 if sensor.lens.TELECENTRIC else cast(GaussianLens, sensor.lens).imager_mm
         if sensor.secondary is not None:  # opposite viewing direction of the camera

@@ -45,7 +45,7 @@ CLEAR = 0.5
 """Clearance between letters and interrupted lines, mm."""
 CAPITAL = 0.729
 """Ratio of capital height to font size of DejaVu Sans."""
-MEASURED_AT = 256.0
+REFERENCE_FONT_SIZE = 256.0
 """Font size for measuring text widths, points."""
 POINT = 72 / 25.4
 SCALES = [10.0**n * a for n in range(2, -5, -1) for a in (5, 2, 1)]
@@ -126,9 +126,9 @@ def _width_over_height(words: str, weight: str) -> float:
     from matplotlib.ft2font import LoadFlags
 
     font = get_font(findfont(FontProperties(family="DejaVu Sans", weight=weight)))
-    font.set_size(MEASURED_AT, 72)
+    font.set_size(REFERENCE_FONT_SIZE, 72)
     font.set_text(words, 0.0, flags=LoadFlags.NO_HINTING)
-    return float(font.get_width_height()[0]) / 64 / MEASURED_AT / CAPITAL
+    return float(font.get_width_height()[0]) / 64 / REFERENCE_FONT_SIZE / CAPITAL
 
 
 def outside_of(points: Array, boxes: Sequence[Region]) -> list[Array] | None:
@@ -190,12 +190,12 @@ class Sheet:
     # -- lines -----------------------------------------------------------------------------------
 
     def line(
-        self, points: ArrayLike, width: float = THIN, dashes: Sequence[float] = (), **look: Any
+        self, points: ArrayLike, width: float = THIN, dashes: Sequence[float] = (), **style: Any
     ) -> None:
         """Draw a polyline through points (n, 2)."""
         x, y = np.asarray(points, dtype=float).T
-        look = {"color": INK, "solid_capstyle": "round", "dash_capstyle": "butt", **look}
-        line = Line2D(x, y, linewidth=width * POINT, **look)
+        style = {"color": INK, "solid_capstyle": "round", "dash_capstyle": "butt", **style}
+        line = Line2D(x, y, linewidth=width * POINT, **style)
         if dashes:
             line.set_dashes(dashes)
         self.ax.add_artist(line)  # unlike plot, add_artist keeps the axis limits
@@ -221,11 +221,11 @@ class Sheet:
 
     # -- text ------------------------------------------------------------------------------------
 
-    def text(self, x: float, y: float, words: str, height: float = LETTERS, **look: Any) -> None:
+    def text(self, x: float, y: float, words: str, height: float = LETTERS, **style: Any) -> None:
         """Draw text with a given capital height in mm."""
-        look = {"ha": "left", "va": "baseline", "color": INK, **look}
+        style = {"ha": "left", "va": "baseline", "color": INK, **style}
         self.ax.text(
-            x, y, label(words), fontsize=height / CAPITAL * POINT, parse_math=False, **look
+            x, y, label(words), fontsize=height / CAPITAL * POINT, parse_math=False, **style
         )
 
     def text_width(self, words: str, height: float = LETTERS, weight: Any = "normal") -> float:

@@ -15,7 +15,7 @@ from ...optics.housing import Dome, Tube
 from ...optics.lenses import GaussianLens, Orthographic
 from ...optics.mirrors import Mirror
 from ...optics.sensor import Sensor
-from ...optics.tracing.shell_transmission import passage
+from ...optics.tracing.shell_transmission import transmit_from_inside
 from ..body import Part, omega_of
 from ..formats.sag import format_table, table_points
 from ..surface_approximation import best_fit_sphere, conic_parameters
@@ -229,7 +229,7 @@ def sensor_rows(sensor: Sensor) -> Rows:
     ]
 
 
-def hidden_rows(sensor: Sensor) -> Rows:
+def obscuration_rows(sensor: Sensor) -> Rows:
     """Return the obscurations, and the lateral shift and the transmission of a tube or dome."""
     rows: Rows = [
         (
@@ -258,7 +258,7 @@ def hidden_rows(sensor: Sensor) -> Rows:
             towards = np.stack(
                 [np.sin(rays.reflected), 0 * rays.x, -np.cos(rays.reflected)], axis=-1
             )
-            passed = 100 * float(passage(shell, points, towards).passed[0])
+            passed = 100 * float(transmit_from_inside(shell, points, towards).passed[0])
             x, z = rays.start
             shift = float(np.hypot(x - rays.x, z - rays.z)[0])
             rows.append(

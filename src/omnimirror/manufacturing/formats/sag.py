@@ -202,7 +202,7 @@ def _vertex_lines(mirror: Mirror) -> list[str]:
 
 
 MARGIN = 2
-"""Cells beyond the rim, which complete the cells that the rim crosses."""
+"""Grid cells beyond the rim, so that the cells intersected by the rim are complete."""
 
 
 def grid_axis(mirror: Mirror, points: int) -> Array:

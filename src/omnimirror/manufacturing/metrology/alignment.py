@@ -115,8 +115,8 @@ def aligned(
     )
     for _ in range(CENTRINGS if probe_radius_mm else 0):
         centres = (upright - pose.vertex) @ pose.turn.T
-        touched = fit.touched(mirror, centres, probe_radius_mm, result)
-        pose, result = fit.aligned(mirror, pose._replace(points=touched), allowed, source)
+        contact_points = fit.contact_points(mirror, centres, probe_radius_mm, result)
+        pose, result = fit.aligned(mirror, pose._replace(points=contact_points), allowed, source)
     p = pose.points
     distance, _, visible = distances(mirror, p)
     _check_likeness(mirror, points, distance, visible, source, is_profile=line is not None)
@@ -228,7 +228,7 @@ class _General:
         return pose, _Found(free, by_outline=bool(len(free)) and len(allowed) == 5)
 
     @staticmethod
-    def touched(mirror: Mirror, centres: Array, radius: float, result: _Found) -> Array:
+    def contact_points(mirror: Mirror, centres: Array, radius: float, result: _Found) -> Array:
         """Convert centres (n, 3) of a probe ball to points of contact on the side of the lens.
 
         The normal is that of the nominal mirror at the foot of the centre. An angular error e of the normal
@@ -287,7 +287,7 @@ class _Sphere:
         return pose, _Found(free, radius, sigma, by_outline)
 
     @staticmethod
-    def touched(mirror: Mirror, centres: Array, radius: float, result: _Found) -> Array:
+    def contact_points(mirror: Mirror, centres: Array, radius: float, result: _Found) -> Array:
         """Convert centres (n, 3) of a probe ball to points of contact, towards the centre of the
         sphere.
         """

@@ -186,7 +186,7 @@ class _Case:
     limits: Mapping[str, float]
     seed: int
     names: list[str]
-    most: Array
+    max_tolerances: Array
     """Maximum tolerances (n,)."""
     draws: int = DRAWS
 
@@ -226,10 +226,10 @@ class _Case:
 
     def scaled(self, sizes: Array, target_yield: float) -> Array:
         """Scale tolerances to the target yield, limited to their maxima."""
-        low, high, end = 1.0, 1.0, max(float((self.most / sizes).max()), 1.0)
+        low, high, end = 1.0, 1.0, max(float((self.max_tolerances / sizes).max()), 1.0)
 
         def at(times: float) -> Array:
-            return np.minimum(times * sizes, self.most)
+            return np.minimum(times * sizes, self.max_tolerances)
 
         while low < end and self.good(at(high)) >= target_yield:
             low, high = high, 2 * high

@@ -97,9 +97,9 @@ def curves(statistics: YieldStatistics) -> Figure:
         )
     for depth, colour in zip(CALIBRATIONS, PALETTE, strict=False):
         name = after("motion_px", depth)
-        values, shares = statistics.curve(name)
+        values, fractions = statistics.curve(name)
         motion.plot(
-            values, 100 * shares, color=colour, label="as built" if depth == "none" else depth
+            values, 100 * fractions, color=colour, label="as built" if depth == "none" else depth
         )
         if name in statistics.limits:
             motion.axvline(statistics.limits[name], color=colour, linewidth=0.8, linestyle=":")
@@ -109,8 +109,8 @@ def curves(statistics: YieldStatistics) -> Figure:
     figure.legend(
         *motion.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=5
     )
-    values, shares = statistics.curve("blur_px")
-    blur.plot(values, 100 * shares, color=INK)
+    values, fractions = statistics.curve("blur_px")
+    blur.plot(values, 100 * fractions, color=INK)
     if "blur_px" in statistics.limits:
         blur.axvline(statistics.limits["blur_px"], color=GREY, linewidth=0.8, linestyle=":")
     blur.set(xlabel="maximum blur, px")
@@ -121,8 +121,10 @@ def curves(statistics: YieldStatistics) -> Figure:
 
 def _kept(ax: Axes, statistics: YieldStatistics, name: str) -> None:
     """Plot the fraction of sensors within a limit of a merit."""
-    values, shares = statistics.curve(name)
-    retained = 1 - statistics.lost / statistics.trials - shares if is_lower_limit(name) else shares
+    values, fractions = statistics.curve(name)
+    retained = (
+        1 - statistics.lost / statistics.trials - fractions if is_lower_limit(name) else fractions
+    )
     ax.plot(values, 100 * retained, color=INK)
     ax.axvline(statistics.limits[name], color=GREY, linewidth=0.8, linestyle=":")
     ax.set_xlabel(textwrap.fill(escape_invisible(name), NAME_LETTERS), parse_math=False)
@@ -143,7 +145,7 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
         One plot per merit.
     """
     merits = list(result.indices)
-    rows = min(MAX_SHARES, max(len(shares) for shares in result.indices.values()))
+    rows = min(MAX_SHARES, max(len(fractions) for fractions in result.indices.values()))
     figure = new_figure(PAGE, 0.9 + len(merits) * (0.5 + ROW * rows))
     for ax, merit in zip(
         np.ravel(figure.subplots(len(merits), 1, squeeze=False)), merits, strict=True

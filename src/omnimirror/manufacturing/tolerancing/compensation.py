@@ -245,29 +245,31 @@ class Reference:
 def evaluate_numpy(reference: Reference, values: Values) -> tuple[Array, Array]:
     """Compute merits (t, m) and motions (t, 2 n) in px of trials; NaN if rays are lost."""
     with np.errstate(all="ignore"):
-        shown, are_lost, focus_mm = reference.field.shown(values, refocus=reference.refocus)
+        images, are_lost, focus_mm = reference.field.images_and_focus(
+            values, refocus=reference.refocus
+        )
         lost = are_lost.sum(axis=1)
         merits = np.full((len(lost), MERITS), np.nan)
         merits[:, -1] = lost
-        moved = motion(shown.offsets_px, reference.reference_px)
+        moved = motion(images.offsets_px, reference.reference_px)
         deg_per_px = np.asarray(np.linalg.inv(reference.field.px_per_deg), dtype=float)
         for k, left in enumerate(reference.compensators.left(np.nan_to_num(moved))):
-            merits[:, 4 * k : 4 * k + 4] = _of_motion(left, deg_per_px)
+            merits[:, 4 * k : 4 * k + 4] = _motion_merits(left, deg_per_px)
         at = 4 * len(CALIBRATIONS)
-        merits[:, at : at + 3] = _of_blur(reference, shown, focus_mm)
+        merits[:, at : at + 3] = _blur_merits(reference, images, focus_mm)
         merits[lost > 0, :-1], moved[lost > 0] = np.nan, np.nan
     return merits, moved
 
 
-def _of_blur(reference: Reference, shown: TrialImages, focus_mm: Array) -> Array:
-    blur, floor = shown.blur_px, reference.floor_px2
+def _blur_merits(reference: Reference, images: TrialImages, focus_mm: Array) -> Array:
+    blur, floor = images.blur_px, reference.floor_px2
     squares = (blur**2).sum(axis=(-2, -1))
     area_px2 = np.sqrt(np.linalg.det(blur) ** 2 + floor * squares + floor**2)
     area = area_px2 / np.abs(np.linalg.det(reference.field.px_per_deg))
     return np.stack([largest_diameter(blur).max(axis=1), area.max(axis=1), focus_mm], axis=-1)
 
 
-def _of_motion(left: Array, deg_per_px: Array) -> Array:
+def _motion_merits(left: Array, deg_per_px: Array) -> Array:
     """Return RMS and maximum (t, 4) of residuals (t, 2 n), in px and in deg."""
     vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)
     turned = np.einsum("nij,tnj->tni", deg_per_px, vectors)

@@ -145,7 +145,7 @@ class TrialEvaluator(Reference):
         """Create the evaluator of a sensor; further arguments are passed to :func:`field_of`."""
         objects = field_of(sensor, **field)
         airy_px = sensor.lens.airy_diameter() / sensor.imager.pitch_mm
-        reference = objects.shown({}, 1, refocus=refocus)[0].offsets_px[0]
+        reference = objects.images_and_focus({}, 1, refocus=refocus)[0].offsets_px[0]
         floor = 1 + airy_px**2
         distance = field.get("object_distance_mm", np.inf)
         evaluator = cls(objects, fit_compensators(objects), reference, refocus, floor)

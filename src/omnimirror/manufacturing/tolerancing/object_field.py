@@ -30,7 +30,7 @@ EDGE_PX = 0.02
 """Relative aperture height of the rays for blur; aberrations contribute 4e-4 of their marginal
 value."""
 MARGINAL_RAYS = EDGE_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-SEEN = 0.99
+IMAGED_FRACTION = 0.99
 """Fraction of the rim radius that a perturbed folded sensor with a nominally full aperture images."""
 TANGENT = 1e-5  # step of differences for the image scale
 
@@ -98,9 +98,9 @@ def images_within_rim(
         if built.secondary is None:
             raise
         mirror: Any = built.mirror
-        satisfies_limit = replace(mirror, rim_radius_mm=SEEN * mirror.rim_radius_mm)
+        smaller_mirror = replace(mirror, rim_radius_mm=IMAGED_FRACTION * mirror.rim_radius_mm)
         return sensor_images(
-            replace(built, mirror=satisfies_limit), nominal, targets, refocus, rim_slack
+            replace(built, mirror=smaller_mirror), nominal, targets, refocus, rim_slack
         )
 
 
@@ -201,7 +201,7 @@ EDGE = 0.97
 rays."""
 ANGLES, AZIMUTHS = 8, 12
 STEP_DEG = 1e-3  # step of differences of object directions
-RIM_MARGIN = 0.05  # of the rim radius: differences at the rim extend beyond it
+RIM_MARGIN = 0.05  # relative to the rim radius: differences at the rim extend beyond it
 
 
 @dataclass(frozen=True)
@@ -242,9 +242,9 @@ class Field:
         self, values: Values, count: int | None = None, rim_slack: float = RIM_SLACK
     ) -> TrialImages:
         """Compute the images of sensors with errors; see :func:`.states_of`."""
-        return self.shown(values, count, rim_slack=rim_slack)[0]
+        return self.images_and_focus(values, count, rim_slack=rim_slack)[0]
 
-    def shown(
+    def images_and_focus(
         self,
         values: Values,
         count: int | None = None,
@@ -365,7 +365,7 @@ def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: flo
     distant = bool(np.isinf(distance))
     targets = away if distant else points + distance * away
     bare = Field(sensor, targets, distant, start, omega_deg, omega_deg, omega_deg, azimuth_deg)
-    shown, lost, _ = bare.shown({}, count=1)
+    shown, lost, _ = bare.images_and_focus({}, count=1)
     if lost.any():
         raise InvalidParameter(
             f"field_deg must be within the unobscured field of {sensor.name!r}, "

@@ -170,12 +170,12 @@ def error_sources(sensor: Sensor) -> dict[str, ErrorSource]:
     ]
     kinds += [
         kind
-        for kind in (*_of_lens(lens), *_DISTORTION)
+        for kind in (*_lens_sources(lens), *_DISTORTION)
         if kind.name.partition(".")[2] in lens.PARAMETERS
     ]
     leans = isinstance(lens, Perspective)
     kinds += [kind for kind in _IMAGER if leans or not kind.name.startswith("imager.tilt")]
-    kinds += [*_of_cover(sensor), *(_WARMTH if sensor.thermal is not None else ())]
+    kinds += [*_cover_sources(sensor), *(_WARMTH if sensor.thermal is not None else ())]
     return {kind.name: kind for kind in kinds}
 
 
@@ -217,7 +217,7 @@ def _form() -> list[ErrorSource]:
     ]
 
 
-def _of_lens(lens: Any) -> list[ErrorSource]:
+def _lens_sources(lens: Any) -> list[ErrorSource]:
     """Return errors of the lens parameters; tabulated lenses have only some of them."""
 
     def size(name: str) -> float:
@@ -244,7 +244,7 @@ def _of_lens(lens: Any) -> list[ErrorSource]:
     ]
 
 
-def _of_cover(sensor: Sensor) -> list[ErrorSource]:
+def _cover_sources(sensor: Sensor) -> list[ErrorSource]:
     """Return errors of the tube, dome or window."""
     if sensor.housing.shell is None:
         return []
@@ -345,16 +345,18 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     (0.1, 0.01)
     """
     check_error_names(sensor, values)
-    lens = _of_part(sensor.lens, "lens.", values)
+    lens = _perturbed_parameters(sensor.lens, "lens.", values)
     built = replace(
         sensor,
         mirror=_shaped(sensor.mirror, values),
         mirror_form=_formed(sensor.mirror_form, values),
         lens=replace(cast(Any, sensor.lens), **lens),
         imager=_placed(sensor.imager, values),
-        imager_pose=replace(sensor.imager_pose, **_of_part(sensor.imager_pose, "imager.", values)),
+        imager_pose=replace(
+            sensor.imager_pose, **_perturbed_parameters(sensor.imager_pose, "imager.", values)
+        ),
         housing=_covered(sensor, values),
-        **_standing(sensor, values),
+        **_displaced_mirrors(sensor, values),
     )
     if warmer := values.get("temperature.warmer_k", 0.0):
         assert sensor.thermal is not None, "temperature errors require a thermal model"
@@ -362,7 +364,7 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
     return built
 
 
-def _of_part(part: Any, start: str, values: Mapping[str, float]) -> dict[str, float]:
+def _perturbed_parameters(part: Any, start: str, values: Mapping[str, float]) -> dict[str, float]:
     """Return the perturbed parameters of a component."""
     named = {
         name.removeprefix(start): value for name, value in values.items() if name.startswith(start)
@@ -374,12 +376,12 @@ def _of_part(part: Any, start: str, values: Mapping[str, float]) -> dict[str, fl
     }
 
 
-def _standing(sensor: Sensor, values: Mapping[str, float]) -> dict[str, Any]:
+def _displaced_mirrors(sensor: Sensor, values: Mapping[str, float]) -> dict[str, Any]:
     """Return perturbed mirror positions; both displacements change the path of a folded sensor."""
     if (second := sensor.secondary) is None:
         return {
             "mirror_pose": replace(
-                sensor.mirror_pose, **_of_part(sensor.mirror_pose, "mirror.", values)
+                sensor.mirror_pose, **_perturbed_parameters(sensor.mirror_pose, "mirror.", values)
             )
         }
     first, farther = (
@@ -401,7 +403,9 @@ def _covered(sensor: Sensor, values: Mapping[str, float]) -> Housing:
     shell: Any = sensor.obstructions.housing.shell
     if values.get("cover.refractive_index"):
         shell = replace(shell, material=None, refractive_index=shell.index)
-    return replace(sensor.housing, shell=replace(shell, **_of_part(shell, "cover.", values)))
+    return replace(
+        sensor.housing, shell=replace(shell, **_perturbed_parameters(shell, "cover.", values))
+    )
 
 
 def _formed(form: MirrorForm, values: Mapping[str, float]) -> MirrorForm:

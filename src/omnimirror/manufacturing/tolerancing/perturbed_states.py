@@ -420,7 +420,7 @@ def _surfaces(sensor: Sensor, error: _Errors) -> MirrorSurfaces:
         table = MeridianTable.of(mirror)
     curvature = (
         zero if radius is None else 1 / np.where(radius > 0, radius, np.nan)
-    )  # as do impossible mirrors
+    )  # like impossible mirrors
     return MirrorSurfaces(rim, curvature, conic, polynomial, _form(error), table)
 
 

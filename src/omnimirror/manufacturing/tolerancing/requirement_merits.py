@@ -325,7 +325,7 @@ class RequiredMerits:
                 if self.lines is None
                 else self.lines.departures(motions(self.lines.reference, values))
             )
-            whole = partial(_whole, self.field.sensor, values)
+            whole = partial(_sensor_values, self.field.sensor, values)
             rows = {
                 name: whole(name)
                 if named(name).quantity in OF_THE_WHOLE
@@ -353,7 +353,7 @@ class RequiredMerits:
             return MeritRows("length", view.viewpoint - self.viewpoint)
         of = merit.limit(1.0).of
         part = np.flatnonzero(is_within(self.field.omega_deg, merit.omega_deg))
-        values = view.values._replace(**_of_part(view, part))
+        values = view.values._replace(**_select_objects(view, part))
         if of.takes in ("spread", "ratio"):
             return MeritRows(of.takes, of.parts(values)[0])
         return MeritRows("smallest" if merit.is_lower_limit else "largest", of.values(values))
@@ -368,7 +368,7 @@ class RequiredMerits:
         return view, lambda: sequential_rims(sensor, values, focus_mm)
 
 
-def _whole(sensor: Sensor, values: Values, name: str) -> MeritRows:
+def _sensor_values(sensor: Sensor, values: Values, name: str) -> MeritRows:
     """Evaluate a quantity of each aligned as-built sensor as a whole."""
     quantity, result = named(name).quantity, []
     for k in range(len(next(iter(values.values())))):
@@ -389,7 +389,7 @@ def is_within(omega_deg: Array, part: tuple[float, float] | None) -> NDArray[np.
     return inside
 
 
-def _of_part(view: TrialView, part: NDArray[np.intp]) -> dict[str, Array]:
+def _select_objects(view: TrialView, part: NDArray[np.intp]) -> dict[str, Array]:
     """Select values of some objects."""
     return {
         name: a if a.shape[-1] == 1 else a[..., part] for name, a in view.values._asdict().items()

@@ -434,7 +434,7 @@ class StraightLines:
         low, high = field.omega_deg.min(), field.omega_deg.max()
         omega, azimuth, across = lines_over(float(low), float(high))
         objects = field_at(field.sensor, omega.ravel(), azimuth.ravel(), distance_mm)
-        shown = objects.shown({}, 1, refocus=refocus)[0].offsets_px[0]
+        shown = objects.images_and_focus({}, 1, refocus=refocus)[0].offsets_px[0]
         reference = Reference(objects, fit_compensators(objects), shown, refocus, floor_px2)
         tau = np.radians(np.linspace(-0.5, 0.5, LINE_POINTS) * line_length(low, high))
         fit = np.stack([np.cos(tau), np.sin(tau)], axis=-1)

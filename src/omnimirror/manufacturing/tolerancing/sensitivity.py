@@ -37,8 +37,8 @@ from .trial_images import TrialImages, diameter_components, largest_diameter
 NODES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12
-"""Weights of values at the nodes, for division by the step and its square."""
-STILL = 1e-9
+"""Finite-difference weights of the first and second derivative, times the step or its square."""
+NEGLIGIBLE_RATE = 1e-9
 """First derivatives below this value (px per step) are rounding errors."""
 TIED = 1e-6
 """Relative difference of objects that are considered equally bad, for symmetric sensors."""
@@ -85,7 +85,7 @@ def merit_rates(
     objects = evaluator.field
     nodes: Mapping[str, Array] = {name: step * NODES}
     values = nodes if tolerances is None else tolerances.expand_forms(nodes)
-    shown, _, focus_mm = objects.shown(values, refocus=evaluator.refocus)
+    shown, _, focus_mm = objects.images_and_focus(values, refocus=evaluator.refocus)
     displaced = motion(shown.offsets_px, evaluator.reference_px)
     left = evaluator.compensators.left(displaced)
     vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)  # (calibrations, nodes, n, 2)
@@ -94,7 +94,9 @@ def merit_rates(
     for depth, of in zip(CALIBRATIONS, vectors, strict=True):
         for unit, turned in (("px", of), ("deg", np.einsum("nij,tnj->tni", deg_per_px, of))):
             first, second = _differences(turned, step)
-            still = STILL / step * (1.0 if unit == "px" else float(np.abs(deg_per_px).max()))
+            still = (
+                NEGLIGIBLE_RATE / step * (1.0 if unit == "px" else float(np.abs(deg_per_px).max()))
+            )
             rms, worst = (n for n in OF_MOTION if n.endswith(unit))
             rates[after(rms, depth)] = _of_rms(first, second, still)
             at_zero = np.zeros_like(first)
@@ -125,12 +127,15 @@ def _of_rows(rows: MeritRows, step: float) -> Rates:
     if not np.isfinite(rows.values).all():
         return Rates(np.nan, np.nan)
     if rows.takes == "length":
-        (rate,), (bend,) = _of_lengths(0 * value[None], first[None], second[None], STILL / step)
+        (rate,), (bend,) = _of_lengths(
+            0 * value[None], first[None], second[None], NEGLIGIBLE_RATE / step
+        )
         return Rates(float(rate), float(bend))
     if rows.takes == "departure":
         at_zero = np.zeros_like(value)
         return _largest(
-            at_zero, *_of_lengths(at_zero[:, None], first[:, None], second[:, None], STILL / step)
+            at_zero,
+            *_of_lengths(at_zero[:, None], first[:, None], second[:, None], NEGLIGIBLE_RATE / step),
         )
     high, low = _largest(value, first, second), _largest(-value, -first, -second)
     fall, bend = -low.first, -low.second
@@ -192,7 +197,7 @@ def _of_blur(evaluator: TrialEvaluator, shown: TrialImages, step: float) -> dict
         np.linalg.det(evaluator.field.px_per_deg)
     )
     parts = [
-        _of_lengths(part[2], *_differences(part, step), STILL / step)
+        _of_lengths(part[2], *_differences(part, step), NEGLIGIBLE_RATE / step)
         for part in (np.stack([one, other], axis=-1) for one, other in diameter_components(blur))
     ]
     diameters = [sum(of) for of in zip(*parts, strict=True)]
@@ -278,7 +283,7 @@ def sensitivities(
                 worst,
                 _rates(evaluator, name, STEP * size, tolerances) if size else {},
                 {
-                    merit: _alone(evaluator, tolerances, name, merit, limit)
+                    merit: _max_single_tolerance(evaluator, tolerances, name, merit, limit)
                     for merit, limit in limits.items()
                 },
             )
@@ -300,7 +305,7 @@ def _worst(merit: str, values: Array) -> float:
     return float(values.min() if is_lower_limit(merit) else values.max())
 
 
-def _alone(
+def _max_single_tolerance(
     evaluator: TrialEvaluator, tolerances: Tolerances, name: str, merit: str, limit: float
 ) -> float:
     """Find the maximum tolerance of a single error; infinite without a bound, 0 if no tolerance is
@@ -312,7 +317,7 @@ def _alone(
     sizes = size * np.geomspace(1 / REACH, REACH, GRID_SIZE)
     low, high = 0.0, np.inf
     for _ in range(2):  # coarse grid, then a fine grid between two of its points
-        bad = _first_bad(evaluator, tolerances, name, merit, limit, sizes)
+        bad = _first_violation(evaluator, tolerances, name, merit, limit, sizes)
         if bad is None:
             return float(high)
         high = float(sizes[bad])
@@ -323,7 +328,7 @@ def _alone(
     return low
 
 
-def _first_bad(
+def _first_violation(
     evaluator: TrialEvaluator,
     tolerances: Tolerances,
     name: str,

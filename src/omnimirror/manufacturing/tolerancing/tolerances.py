@@ -25,14 +25,14 @@ SIGMAS = 2.0  # tolerance of a normal distribution in standard deviations
 UNLIKELY = float(ndtr(-SIGMAS))
 
 
-def drawn(distribution: Distribution, share: Array) -> Array:
+def drawn(distribution: Distribution, probability: Array) -> Array:
     """Compute quantiles of a distribution in units of the tolerance.
 
     Parameters
     ----------
     distribution
         Name of the distribution.
-    share : array
+    probability : array
         Probabilities in (0, 1).
 
     Returns
@@ -42,9 +42,9 @@ def drawn(distribution: Distribution, share: Array) -> Array:
 
     Examples
     --------
-    >>> share = np.array([0.25, 0.5, 0.975])
+    >>> probability = np.array([0.25, 0.5, 0.975])
     >>> for name in DISTRIBUTIONS:
-    ...     print(name, drawn(name, share).round(3) + 0.0)
+    ...     print(name, drawn(name, probability).round(3) + 0.0)
     uniform [-0.5   0.    0.95]
     normal [-0.337  0.     0.98 ]
     truncated-normal [-0.32   0.     0.839]
@@ -52,14 +52,14 @@ def drawn(distribution: Distribution, share: Array) -> Array:
     constant [1. 1. 1.]
     """
     if distribution == "constant":
-        return np.ones_like(share)
+        return np.ones_like(probability)
     if distribution == "uniform":
-        return 2 * share - 1
+        return 2 * probability - 1
     if distribution == "normal":
-        return np.asarray(ndtri(share) / SIGMAS)
+        return np.asarray(ndtri(probability) / SIGMAS)
     if distribution == "truncated-normal":
-        return np.asarray(ndtri(UNLIKELY + share * (1 - 2 * UNLIKELY)) / SIGMAS)
-    return -np.cos(np.pi * share)  # arcsine distribution
+        return np.asarray(ndtri(UNLIKELY + probability * (1 - 2 * UNLIKELY)) / SIGMAS)
+    return -np.cos(np.pi * probability)  # arcsine distribution
 
 
 BLOCK = 8192
@@ -193,12 +193,12 @@ class Tolerances:
             np.maximum(random.random((BLOCK, len(self.errors)))[:count], MIN_PROBABILITY)
         )
 
-    def at(self, shares: Array) -> dict[str, Array]:
+    def at(self, probabilities: Array) -> dict[str, Array]:
         """Transform probabilities (t, n) in (0, 1) to errors.
 
         Parameters
         ----------
-        shares : (t, n)
+        probabilities : (t, n)
             Independent probabilities, one per error.
 
         Returns
@@ -216,11 +216,11 @@ class Tolerances:
         if self.correlations:
             from scipy.special import ndtri
 
-            shares = ndtr(ndtri(shares) @ self._mixing().T)
-        columns = zip(self.errors.items(), shares.T, strict=True)
+            probabilities = ndtr(ndtri(probabilities) @ self._mixing().T)
+        columns = zip(self.errors.items(), probabilities.T, strict=True)
         drawn_ = {
-            name: t.value * drawn(t.distribution, np.ascontiguousarray(share))
-            for (name, t), share in columns
+            name: t.value * drawn(t.distribution, np.ascontiguousarray(probability))
+            for (name, t), probability in columns
         }
         return self.expand_forms(drawn_)
 

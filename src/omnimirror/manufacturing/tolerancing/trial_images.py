@@ -117,8 +117,8 @@ def _path(
 
 
 def _end(step: Array, gx: Array, gy: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Return distance, unit vector along x, y (on the surface) and z, and second derivatives (...,
-    3).
+    """Return the distance of surface points from an end, its x and y derivatives on the surface,
+    the z component of the unit vector, and second derivatives (..., 3).
     """
     length = np.sqrt(np.einsum("tni,tni->tn", step, step))
     u = step / length[..., None]
@@ -230,12 +230,12 @@ def form_images(states: States, result: TracedObjects, refocus: Refocus = "none"
     with np.errstate(all="ignore"):
         tangents = np.where(result.lost[..., None], np.nan, result.tangents)
         widen, _, depth = _imaged(states, tangents)
-        spread = widen @ _less(result.vergences, _tilted_by(states, depth))
+        spread = widen @ _less(result.vergences, _tilt_vergence(states, depth))
         vergence = states.vergence if refocus == "none" else focus_vergences(widen, spread, refocus)
         f = states.breathing_mm
         breath = (1 - f * states.vergence) / (1 - f * vergence)
         widen, offsets, depth = _imaged(states, tangents, breath)
-        vergences = _less(result.vergences, _tilted_by(states, depth))
+        vergences = _less(result.vergences, _tilt_vergence(states, depth))
         blur = states.aperture_mm[:, None, None, None] * (
             vergence[:, None, None, None] * widen - widen @ vergences
         )
@@ -254,7 +254,7 @@ def _less(vergences: Array, part: Array) -> Array:
     return less
 
 
-def _tilted_by(states: States, depth: Array) -> Array:
+def _tilt_vergence(states: States, depth: Array) -> Array:
     """Return the difference (t, n) in 1/mm of the vergence in focus on a tilted imager from its centre.
 
     The depth of the image point behind the lens and the lens equation determine the focus distance.

@@ -40,7 +40,7 @@ from .closed_forms import (
 )
 
 SCAN = 17  # vergences sampled for valleys
-MARGIN = 0.05  # of the range of vergences, on both sides
+MARGIN = 0.05  # fraction of the range of vergences, on both sides
 HOPE = 0.02  # tangents may intersect above a known minimum: areas are not convex; also in focus.hpp
 CLOSE = 1e-12  # width of the final bracket, relative to the scanned range
 FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MAX_BRACKET_STEPS, MIN_BRACKET_REDUCTION, BISECTION_PERIOD)

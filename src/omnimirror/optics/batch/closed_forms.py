@@ -454,7 +454,7 @@ class LensTables:
         return f * v / (1 - (f - self.pupil_from_principal_mm) * v)
 
     def defocus_rate(self, v: Any) -> Any:
-        """Compute its derivative with respect to v."""
+        """Compute the derivative of :meth:`defocus` with respect to v."""
         f = self.focal_length_mm
         return f / (1 - (f - self.pupil_from_principal_mm) * v) ** 2
 
@@ -665,7 +665,7 @@ def built_optics(
     """
     w, t, telecentric = aim.w, aim.tangent, bool(np.isinf(np.real(aim.w)).all())
     steep = 1 + slope * slope
-    root, cosine = np.sqrt(steep), 1 / np.sqrt(1 + t * t)  # of the viewing angle
+    root, cosine = np.sqrt(steep), 1 / np.sqrt(1 + t * t)  # cosine of the viewing angle
     cos_gamma = (1 - t * slope) * cosine / root
     # front/(rho^2 - drift x) of the meridian's equations, divided by w^2
     dtheta = (
@@ -708,8 +708,8 @@ def _outside(
 
     The values are: the pencil outside; 1/distance of objects from the mirror; 1/distance, as seen
     from the mirror, of their tangential and sagittal foci; the extra distance of objects from the
-    mirror relative to the rays' origins; masks of mirror points that see the outside, and of rays
-    the wall lets out.
+    mirror relative to the rays' origins; masks of mirror points with an unobstructed path to the
+    outside, and of rays that the wall transmits.
     """
     if walls is None:
         near = near(start.x, start.z, start.omega) if callable(near) else near
@@ -747,7 +747,7 @@ def _behind_wall(near: Any, passed: CoverTransit) -> Any:
 
 
 def as_rim(o: MirrorPointOptics) -> MirrorPointOptics:
-    """Replace mirror points (n, k) without outside view by the last one."""
+    """Replace mirror points (n, k) without a path to the outside by the last one."""
     if o.visible is True:
         return o
     same = ("magnification_t", "magnification_s", "vergence_t", "vergence_s")

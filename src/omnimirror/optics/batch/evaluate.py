@@ -246,7 +246,7 @@ class BatchEvaluation:
     focus_mm, worst_floored_area_deg2 : (n,)
         Focus with the smallest maximum floored blur area, and that area.
     valid : (n,)
-        True if the lens sees the front of a design's surface and its mapping is one-to-one from
+        True if the front of a design's surface faces the lens and its mapping is one-to-one from
         node to node; :func:`omnimirror.evaluate` also checks between nodes. The other values of
         invalid designs are meaningless.
     """

@@ -69,7 +69,7 @@ class FieldNodes(NamedTuple):
     stop_s: Array
     stop_shift: Array
     """(n,) distance of its centre from the chief ray, relative to the axial radius."""
-    openness: Array
+    unvignetted_fraction: Array
     """(n,) unvignetted fraction of its area."""
 
 
@@ -88,7 +88,7 @@ class LensValues(NamedTuple):
     own_s: Array
     stop_t: Array
     stop_s: Array
-    openness: Array
+    unvignetted_fraction: Array
 
 
 ODD = ("height", "shift_t", "short", "long", "stop_shift")
@@ -351,7 +351,11 @@ class FieldLens(GaussianLens):
 
     def falloff(self, image: Array, pupil: Array | None = None) -> Array:
         values = self.field.at(self.field.tangent_of(np.hypot(image[..., 0], image[..., 1])))
-        return values.illumination if pupil is None else values.illumination / values.openness
+        return (
+            values.illumination
+            if pupil is None
+            else values.illumination / values.unvignetted_fraction
+        )
 
     # -- rays --------------------------------------------------------------------------------------
 

@@ -291,7 +291,9 @@ def _field_tangent(
     traced = Traced(
         sequence, to_imager, -pupil, 1e-3 * abs(paraxial.focal_length), np.inf, focus_mm
     )
-    heights = traced.land(SEARCH_TANGENTS, chief_heights(traced, SEARCH_TANGENTS)).image[:, 0]
+    heights = traced.trace_to_imager(SEARCH_TANGENTS, chief_heights(traced, SEARCH_TANGENTS)).image[
+        :, 0
+    ]
     grows = np.isfinite(heights) & (np.diff(heights, prepend=0.0) > 0)
     count = len(grows) if grows.all() else int(np.argmin(grows))
     return float(np.interp(max_height, [0.0, *heights[:count]], [0.0, *SEARCH_TANGENTS[:count]]))

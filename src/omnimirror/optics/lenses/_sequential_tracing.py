@@ -32,7 +32,7 @@ class Paraxial(NamedTuple):
     """The matrix (a, b, c, d) from height and slope at the first vertex to those at the last."""
 
 
-class Landed(NamedTuple):
+class SequentialTrace(NamedTuple):
     """Intersections of rays (n,) with imager, stop and surfaces."""
 
     image: Array
@@ -48,7 +48,7 @@ class Landed(NamedTuple):
     cosines: Array
     """(n, 2) direction cosines perpendicular to the axis, at the imager."""
 
-    def upright(self) -> Landed:
+    def upright(self) -> SequentialTrace:
         """Convert to an upright image."""
         return self._replace(image=-self.image, cosines=-self.cosines)
 
@@ -101,7 +101,7 @@ class Sequence:
             p = to_stop[0, 1] / to_stop[0, 0]
             return Paraxial(-1 / c, (d - 1) / c, p, 1 / to_stop[0, 0], (a, b, c, d))
 
-    def trace(self, points: Array, slopes: Array, to_imager: float) -> Landed:
+    def trace(self, points: Array, slopes: Array, to_imager: float) -> SequentialTrace:
         """Trace rays from points (n, 2) in the first vertex plane with slopes (n, 2).
 
         NaN if a ray misses a surface or is totally reflected.
@@ -125,7 +125,7 @@ class Sequence:
                 p = p.copy()
                 p[:, 2] -= self.thickness[i] if i < len(self.curvature) - 1 else to_imager
             image = p[:, :2] - (p[:, 2] / d[:, 2])[:, None] * d[:, :2]
-        return Landed(image, stop, clear, on_glass, radii, d[:, :2])
+        return SequentialTrace(image, stop, clear, on_glass, radii, d[:, :2])
 
     def _meet(self, i: int, p: Array, d: Array) -> tuple[Array, Array]:
         """Return intersections (n, 3) and normals (n, 3), in the surface's frame."""
@@ -205,9 +205,9 @@ class Traced(NamedTuple):
     focus_mm: float
     """Object distance in focus, from the first vertex."""
 
-    def land(
+    def trace_to_imager(
         self, tangent: Array, height: Array, across: Array | float = 0.0, slope: Array | float = 0.0
-    ) -> Landed:
+    ) -> SequentialTrace:
         """Trace rays (n,) by tangents and heights at the first vertex.
 
         The image is upright.
@@ -220,7 +220,7 @@ class Traced(NamedTuple):
 def stop_radius(traced: Traced) -> float:
     """Return the stop radius (mm) by a ray through the edge of the pupil."""
     slope = -traced.pupil_radius / (traced.focus_mm - traced.pupil)
-    edge = traced.land(
+    edge = traced.trace_to_imager(
         np.array([slope]), np.array([traced.pupil_radius - slope * traced.pupil])
     ).stop
     if not np.isfinite(edge[0, 0]):
@@ -236,8 +236,8 @@ def chief_heights(traced: Traced, tangent: Array) -> Array:
     y = -tangent * traced.pupil
     step = 1e-6 * traced.pupil_radius
     for _ in range(CHIEF_RAY_STEPS):
-        stop_height = traced.land(tangent, y).stop[:, 0]
-        rate = (traced.land(tangent, y + step).stop[:, 0] - stop_height) / step
+        stop_height = traced.trace_to_imager(tangent, y).stop[:, 0]
+        rate = (traced.trace_to_imager(tangent, y + step).stop[:, 0] - stop_height) / step
         move = np.clip(-stop_height / rate, -traced.pupil_radius, traced.pupil_radius)
         y = y + move
         if not (np.abs(stop_height) > CHIEF_RAY_TOLERANCE).any():
@@ -258,7 +258,7 @@ def field_end(traced: Traced, largest_tangent: float) -> float:
     tangents = np.append(
         tangents[tangents < largest_tangent], min(largest_tangent, SEARCH_TANGENTS[-1])
     )
-    traces = traced.land(tangents, chief_heights(traced, tangents))
+    traces = traced.trace_to_imager(tangents, chief_heights(traced, tangents))
     grows = np.diff(traces.image[:, 0], prepend=0.0) > 0
     is_transmitted = traces.on_glass & np.isfinite(traces.image[:, 0]) & grows & traces.clear
     count = len(is_transmitted) if is_transmitted.all() else int(np.argmin(is_transmitted))
@@ -286,7 +286,7 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     """
     t = np.linspace(0.0, end, NODES)
     y = chief_heights(traced, t)
-    height = traced.land(t, y).image[:, 0]
+    height = traced.trace_to_imager(t, y).image[:, 0]
     height[0] = 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
         pupil_position = np.where(t == 0.0, traced.pupil, -y / t)
@@ -302,7 +302,7 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
     light = area / area[0] * (1 + t**2) ** -2 * fan[2][0] ** 2 / (lateral * fan[2])
     width_t, width_s, shift = _ellipse(edge)
     stop_t, stop_s, stop_shift = _ellipse(unvignetted)
-    openness = area / (unvignetted**2).mean(axis=1)
+    unvignetted_fraction = area / (unvignetted**2).mean(axis=1)
     colours = [
         height * 0.0 if index is None else _height_at(traced, index, t, pupil_position) - height
         for index in (indices or (None, None))
@@ -324,7 +324,7 @@ def traced_field(traced: Traced, end: float, indices: tuple[Array, Array] | None
         stop_t,
         stop_s,
         stop_shift,
-        openness,
+        unvignetted_fraction,
     )
     finite = np.isfinite(np.stack(nodes)).all(axis=0)
     if not finite.all():
@@ -351,7 +351,7 @@ def _height_at(traced: Traced, index: Array, tangent: Array, pupil_position: Arr
     for _ in range(COLOUR_STEPS):
         y = chief_heights(recoloured, tangent)
         tangent = (point - y) / traced.focus_mm
-    return recoloured.land(tangent, chief_heights(recoloured, tangent)).image[:, 0]
+    return recoloured.trace_to_imager(tangent, chief_heights(recoloured, tangent)).image[:, 0]
 
 
 def _adjacent_ray_derivatives(
@@ -365,7 +365,7 @@ def _adjacent_ray_derivatives(
 
     def image(along: float, across: float, slope_change: float, lifted: float) -> Array:
         tangent = t + slope_change
-        return traced.land(
+        return traced.trace_to_imager(
             tangent, along - tangent * pupil_position, across - lifted * pupil_position, lifted
         ).image
 
@@ -383,13 +383,13 @@ def _adjacent_ray_derivatives(
 
 def _through(
     traced: Traced, t: Array, pupil_position: Array, focus: tuple[Array, Array], pupil: Array
-) -> Landed:
+) -> SequentialTrace:
     """Trace rays (n k,) through pupil points (n, k, 2), mm, aimed at their foci."""
     along, across = pupil[..., 0], pupil[..., 1]
     tangent = t[:, None] - along * focus[0][:, None]
     lifted = -across * focus[1][:, None]
     z = pupil_position[:, None]
-    return traced.land(
+    return traced.trace_to_imager(
         tangent.ravel(),
         (along - tangent * z).ravel(),
         (across - lifted * z).ravel(),
@@ -407,7 +407,7 @@ def _edges(
     turn = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
     directions = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
 
-    def landed(radii: Array) -> Landed:
+    def landed(radii: Array) -> SequentialTrace:
         return _through(
             traced, t, pupil_position, focus, traced.pupil_radius * radii[..., None] * directions
         )

@@ -16,9 +16,9 @@ from ...base.typing import Array
 from ._field_lens import FRAUNHOFER_NM, FieldLens, LensField, axes, through_three
 from ._lens_files import read_lens_file
 from ._sequential_tracing import (
-    Landed,
     Paraxial,
     Sequence,
+    SequentialTrace,
     Traced,
     field_end,
     stop_radius,
@@ -307,14 +307,14 @@ class SurfaceLens(FieldLens):
                 break
         return origins, np.concatenate([slopes, np.ones((len(slopes), 1))], axis=1)
 
-    def _landed_from(self, points: Array, directions: Array) -> Landed:
+    def _landed_from(self, points: Array, directions: Array) -> SequentialTrace:
         """Trace rays from the mirror, by points and directions of any shape."""
         slopes = (directions[..., :2] / directions[..., 2:]).reshape(-1, 2)
         return self._landed(
             points[..., :2].reshape(-1, 2) - points[..., 2].reshape(-1, 1) * slopes, slopes
         )
 
-    def _landed(self, points: Array, slopes: Array) -> Landed:
+    def _landed(self, points: Array, slopes: Array) -> SequentialTrace:
         """Trace rays from points (n, 2) in the first vertex plane, given slopes."""
         traced = _traced_of(self)
         return traced.sequence.trace(points, -slopes, traced.to_imager).upright()

@@ -102,17 +102,17 @@ class MirrorPose:
 
     def to_camera(self, points: ArrayLike) -> Array:
         """Convert points (n, 3), mm, from the mirror frame to the camera frame."""
-        return self.turned_to_camera(points) + self.shift
+        return self.rotate_to_camera(points) + self.shift
 
     def to_mirror(self, points: ArrayLike) -> Array:
         """Convert points (n, 3), mm, from the camera frame to the mirror frame."""
-        return self.turned_to_mirror(np.asarray(points, dtype=float) - self.shift)
+        return self.rotate_to_mirror(np.asarray(points, dtype=float) - self.shift)
 
-    def turned_to_camera(self, directions: ArrayLike) -> Array:
+    def rotate_to_camera(self, directions: ArrayLike) -> Array:
         """Convert directions (n, 3) from the mirror frame to the camera frame."""
         return rotate_vectors(directions, self.rotation().T)
 
-    def turned_to_mirror(self, directions: ArrayLike) -> Array:
+    def rotate_to_mirror(self, directions: ArrayLike) -> Array:
         """Convert directions (n, 3) from the camera frame to the mirror frame."""
         return rotate_vectors(directions, self.rotation())
 

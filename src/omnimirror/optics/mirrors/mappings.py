@@ -492,7 +492,9 @@ class FiniteMapping(PrescribedMapping):
         s = (nodes + 1) / 2
         t, weights = concentration.t(s), concentration.rate(s) / 2
         integral, last = integral * weights, last * weights
-        rim_z = float(np.tan((self._omega_max - self._theta_max) / 2)) / 2  # of a paraboloid
+        rim_z = (
+            float(np.tan((self._omega_max - self._theta_max) / 2)) / 2
+        )  # initial value: the height of a paraboloid
         y = integral @ np.tan(
             (self._omega_max * t / concentration.end + (t if self.theta_max_deg else 0.0)) / 2
         )
@@ -669,8 +671,8 @@ class TabulatedMapping(MappingMirror):
     Raises
     ------
     InvalidParameter
-        If there are too few rows, columns differ in length or do not increase, or the lens cannot
-        see the rim.
+        If there are too few rows, columns differ in length or do not increase, or the rim is not
+        visible to the lens.
 
     Examples
     --------

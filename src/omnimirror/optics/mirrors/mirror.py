@@ -24,7 +24,7 @@ from .measured import ColumnFile
 
 # -- Mirror interface ------------------------------------------------------------------------------
 
-APEX = 1e-6  # of the rim radius: odd functions are linear to 1e-12 within
+APEX = 1e-6  # relative to the rim radius: odd functions are linear to 1e-12 within
 RIM_RADIUS = Parameter("mm", 1e-3, 1e5, "radius of the mirror's rim")
 
 

@@ -42,11 +42,13 @@ from .mirror import RIM_RADIUS, Mirror
 
 Curve = Callable[[Array], Array]
 
-CELLS = 1024  # of the table theta(x); cubic pieces are accurate to 1e-14 before the Newton step
+CELLS = (
+    1024  # cells of the table theta(x); cubic pieces are accurate to 1e-14 before the Newton step
+)
 FEW_CELLS = 64  # coarse table for its computation
 CLOSE = 1e-11  # Newton step after which the linearised mapping is exact to rounding
 
-TERMS = 16  # of the series of one piece
+TERMS = 16  # terms of the series of one piece
 NODES = chebyshev.chebpts1(TERMS)
 TO_SERIES = 2 / TERMS * chebyshev.chebvander(NODES, TERMS - 1).T
 TO_SERIES[0] /= 2

@@ -114,7 +114,7 @@ class SlopeSpline(Mirror):
 
 # -- Sampled profile -------------------------------------------------------------------------------
 
-EXTRAPOLATION = 1e-5  # of the rim radius
+EXTRAPOLATION = 1e-5  # relative to the rim radius
 
 
 @dataclass(frozen=True)

@@ -378,7 +378,7 @@ class Cover:
     def first_visible_x(
         self, rays_at: Callable[[Array], ChiefRays], start: float, rim: float
     ) -> float:
-        """Return the distance from the axis of the first mirror point with outside view.
+        """Return the distance from the axis of the first mirror point with a path to the outside.
 
         Rays from smaller distances end at the base. In air, the inner rays are used.
         """
@@ -491,7 +491,7 @@ def _identity_unless(crosses: Mask, r: Refraction) -> Refraction:
 # -- Chief rays and their inversion ----------------------------------------------------------------
 
 BETWEEN = 8  # points per polynomial piece at which the mapping is checked
-NODES = 1025  # of the table used for initial values and for the proof of monotonicity
+NODES = 1025  # nodes of the table used for initial values and for the proof of monotonicity
 ROUNDING = 1e-12  # relative tolerance of angles at the rim
 
 
@@ -684,7 +684,7 @@ class Meridian:
         return f"{self.cover.shell.KIND}'s base"
 
     def _first_outside(self, start: float) -> float:
-        """Return the first mirror point of the field that sees outside, from ``start``."""
+        """Return the first mirror point of the field with a path to the outside, from ``start``."""
         if self.cover is None:
             return start
         return self.cover.first_visible_x(self._rays, start, self.mirror.rim_radius_mm)
@@ -725,7 +725,7 @@ class Meridian:
     def x_from_omega(self, omega: ArrayLike) -> Array:
         """Return the mirror points (mm) of field angles (n,), radians."""
         omega = np.asarray(omega, dtype=float)
-        inside = self.sees(omega)
+        inside = self.is_in_field(omega)
         if not inside.all():
             raise OutsideField(
                 f"omega must be {np.degrees(self.omega_min):.6g} to "
@@ -734,7 +734,7 @@ class Meridian:
             )
         return self._invert_omega(omega)
 
-    def sees(self, omega: Array) -> NDArray[np.bool_]:
+    def is_in_field(self, omega: Array) -> NDArray[np.bool_]:
         """Return which field angles are within the field, with a rounding tolerance."""
         slack = ROUNDING * self.omega_max
         return (omega >= self.omega_min - slack) & (omega <= self.omega_max + slack)

@@ -2,7 +2,7 @@
 
 Obscuration is defined by the chief ray: near its edge the image fades over the width of the lens
 aperture. Parts about the axis of an aligned sensor obscure rings of field angle at every azimuth
-(:func:`hidden_parts`); for any sensor they block rays in space (:meth:`Obstructions.blocks`).
+(:func:`mirror_obscurations`); for any sensor they block rays in space (:meth:`Obstructions.blocks`).
 """
 
 from __future__ import annotations
@@ -285,7 +285,7 @@ class Obstructions:
     def _past_rim(self, rim: Disc, points: Array, directions: Array, pose: MirrorPose) -> Array:
         """Return the clearance (n,), mm, at the ring around the mirror, which starts at its
         edge."""
-        across, meets = rim.crossing(pose.to_mirror(points), pose.turned_to_mirror(directions))
+        across, meets = rim.crossing(pose.to_mirror(points), pose.rotate_to_mirror(directions))
         inner = rim.radius_mm - (self.housing.rim or Rim()).width_mm
         with np.errstate(invalid="ignore"):
             clearance = np.maximum(
@@ -393,7 +393,7 @@ def obscuration_summary(rings: tuple[Obscuration, ...], percent: float) -> str:
     return f"{', '.join(parts)}; total {percent:.2f} % of the image" if parts else "none"
 
 
-class HiddenPart(NamedTuple):
+class MirrorObscuration(NamedTuple):
     """Ring of the mirror in which a part blocks the chief rays."""
 
     part: str
@@ -401,9 +401,9 @@ class HiddenPart(NamedTuple):
     """Range of distances from the axis, mm."""
 
 
-def hidden_parts(
+def mirror_obscurations(
     meridian: Meridian, obstructions: Obstructions, shift_mm: float = 0.0, *, merged: bool = False
-) -> tuple[HiddenPart, ...]:
+) -> tuple[MirrorObscuration, ...]:
     """Return the rings of the mirror that each part obscures; they may overlap unless merged.
 
     Parameters
@@ -426,14 +426,16 @@ def hidden_parts(
 
     x = np.linspace(meridian.x_min, meridian.mirror.rim_radius_mm, PLACES)
     return tuple(
-        HiddenPart(part, ends)
+        MirrorObscuration(part, ends)
         for part, clear in clearances(x).items()
         for ends in _hidden_between(x, clear, partial(clearance, part))
     )
 
 
 def obscured_rings(
-    meridian: Meridian, hidden: tuple[HiddenPart, ...], image_fraction: Callable[[ChiefRays], Array]
+    meridian: Meridian,
+    hidden: tuple[MirrorObscuration, ...],
+    image_fraction: Callable[[ChiefRays], Array],
 ) -> tuple[Obscuration, ...]:
     """Return the obscured rings of the field, given image-area fractions (n,)."""
     rings = [_central_obscuration(meridian, image_fraction)] if meridian.x_min > 0 else []

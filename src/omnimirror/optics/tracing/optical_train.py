@@ -59,11 +59,11 @@ class PosedMirror:
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.optics.tracing._ray_intersection.trace`."""
-        inside_directions = self.pose.turned_to_mirror(directions)
+        inside_directions = self.pose.rotate_to_mirror(directions)
         reflections = trace_formed(
             self.mirror, self.form, self.pose.to_mirror(origins), inside_directions
         )
-        turn = self.pose.turned_to_camera
+        turn = self.pose.rotate_to_camera
         return Reflections(
             self.pose.to_camera(reflections.points),
             turn(reflections.directions),
@@ -83,7 +83,7 @@ class PosedMirror:
         reflection_points = reflection.specular_points(
             self.mirror, self.inside(pupils), self.inside(targets), start_xy, self.form
         )
-        turn = self.pose.turned_to_camera
+        turn = self.pose.rotate_to_camera
         path = reflection_points.path
         for end in (pupils, targets):
             if end.distant:
@@ -115,10 +115,10 @@ class PosedMirror:
             self.inside(pupils),
             self.inside(targets),
             inside,
-            self.pose.turned_to_mirror(motion),
+            self.pose.rotate_to_mirror(motion),
             self.form,
         )
-        axial_cosine = np.abs(self.pose.turned_to_mirror(reflections.normals)[:, 2])
+        axial_cosine = np.abs(self.pose.rotate_to_mirror(reflections.normals)[:, 2])
         cos_incidence = np.einsum("ni,ni->n", reflections.normals, reflections.to_targets)
         section: Array = area * cos_incidence / axial_cosine
         if not targets.distant:
@@ -147,7 +147,7 @@ class PosedMirror:
 
     def inside(self, ends: RayEndpoints) -> RayEndpoints:
         """Convert ends from the camera frame to the mirror frame."""
-        turn = self.pose.turned_to_mirror if ends.distant else self.pose.to_mirror
+        turn = self.pose.rotate_to_mirror if ends.distant else self.pose.to_mirror
         return RayEndpoints(turn(ends.xyz), ends.distant)
 
 
@@ -399,7 +399,7 @@ class CoveredMirror:
     def _paths(self, pupils: RayEndpoints, xy: Array) -> _Paths:
         surface = MirrorSurface(self.mirror.mirror, xy, self.mirror.form)
         pose = self.mirror.pose
-        points, normals = pose.to_camera(surface.points), pose.turned_to_camera(surface.normals)
+        points, normals = pose.to_camera(surface.points), pose.rotate_to_camera(surface.normals)
         if pupils.distant:
             to_pupils = pupils.xyz / _lengths(pupils.xyz)[:, None]
             before = -np.einsum("ni,ni->n", to_pupils, points)
@@ -458,7 +458,7 @@ class CoveredMirror:
         """Return single-viewpoint estimates (n, 2), mm, of the mirror points of targets."""
         pose, rim = self.mirror.pose, self.mirror.mirror.rim_radius_mm
         inside = (
-            pose.turned_to_mirror(targets.xyz) * (DISTANT_GUESS * rim)
+            pose.rotate_to_mirror(targets.xyz) * (DISTANT_GUESS * rim)
             if targets.distant
             else pose.to_mirror(targets.xyz)
         )
@@ -501,10 +501,10 @@ class CoveredMirror:
         xy, settled = np.array(start), np.empty(len(start), np.bool_)
         shell, mirror = pose_of(self.shell), self.mirror.mirror
         turn = shell.rotation().T @ self.mirror.pose.rotation()
-        shift = shell.turned_to_mirror(self.mirror.pose.shift - shell.shift)
+        shift = shell.rotate_to_mirror(self.mirror.pose.shift - shell.shift)
         pupils, targets = (
             RayEndpoints(
-                shell.turned_to_mirror(end.xyz) if end.distant else shell.to_mirror(end.xyz),
+                shell.rotate_to_mirror(end.xyz) if end.distant else shell.to_mirror(end.xyz),
                 end.distant,
             )
             for end in (pupils, targets)

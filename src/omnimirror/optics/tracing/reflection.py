@@ -41,7 +41,9 @@ __all__ = [
 # -- Limits of the search --------------------------------------------------------------------------
 
 MAX_STEPS = 60
-MAX_STEP_LENGTH = 0.3  # of the rim radius, and of the distance from the apex of a pointed mirror
+MAX_STEP_LENGTH = (
+    0.3  # relative to the rim radius, and to the distance from the apex of a pointed mirror
+)
 REFLECTION_TOLERANCE = 1e-9  # largest deviation from the law of reflection, as a sine
 RIM_SLACK = 1e-9  # relative tolerance at the rim
 
@@ -186,9 +188,9 @@ class MirrorTables:
         Distance from the axis as a function of the field angle about ``middle_mm``, between
         ``omegas``.
     depth : (k, 4) or None
-        Depth from the lens as a function of the ray's tangent, up to ``most_tangent``; None if
+        Depth from the lens as a function of the ray's tangent, up to ``max_tangent``; None if
         telecentric.
-    rim_mm, least_mm
+    rim_mm, min_mm
         Radius of the rim, and of the excluded zone about the apex of a pointed mirror.
     """
 
@@ -198,9 +200,9 @@ class MirrorTables:
     cell_mm: float
     omegas: tuple[float, float]
     middle_mm: float
-    most_tangent: float
+    max_tangent: float
     rim_mm: float
-    least_mm: float
+    min_mm: float
 
     @classmethod
     def of(cls, mirror: Mirror, pupil_distance: float) -> MirrorTables:
@@ -230,7 +232,7 @@ class MirrorTables:
 
     def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
         """Return kernel arguments of the surface, including the lens position."""
-        return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *pupil, telecentric)
+        return (self.meridian, self.cell_mm, self.rim_mm, self.min_mm, *pupil, telecentric)
 
 
 def radii(mirror: Mirror, cells: int = CELLS) -> Array:

@@ -68,7 +68,7 @@ class ShellTransit(NamedTuple):
     """(n,): transmittance; 1 for undeviated rays that do not meet the wall."""
 
 
-def passage(shell: Shell, points: Array, directions: Array) -> ShellTransit:
+def transmit_from_inside(shell: Shell, points: Array, directions: Array) -> ShellTransit:
     """Trace rays (n, 3), (n, 3) from inside a tube or dome through its wall.
 
     Coordinates are in the camera frame, whose origin is the nominal mirror vertex; sizes must be
@@ -113,13 +113,13 @@ class ShellExit(NamedTuple):
 
 
 def transmit_rays(shell: Shell, points: Array, directions: Array) -> ShellTransit:
-    """Trace rays as :func:`passage`, with zero transmittance for rays that start outside."""
+    """Trace rays as :func:`transmit_from_inside`, with zero transmittance for rays that start outside."""
     if not shell.is_axial:
         pose = pose_of(shell)
         transit = transmit_rays(
-            shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions)
+            shell.centred(), pose.to_mirror(points), pose.rotate_to_mirror(directions)
         )
-        to_points, to_directions = pose.to_camera, pose.turned_to_camera
+        to_points, to_directions = pose.to_camera, pose.rotate_to_camera
         return ShellTransit(
             to_points(transit.points),
             to_directions(transit.directions),
@@ -137,9 +137,9 @@ def shell_exit(shell: Shell, points: Array, directions: Array) -> ShellExit:
     if not shell.is_axial:
         pose = pose_of(shell)
         transit = shell_exit(
-            shell.centred(), pose.to_mirror(points), pose.turned_to_mirror(directions)
+            shell.centred(), pose.to_mirror(points), pose.rotate_to_mirror(directions)
         )
-        turn = pose.turned_to_camera
+        turn = pose.rotate_to_camera
         return transit._replace(
             points=pose.to_camera(transit.points),
             directions=turn(transit.directions),

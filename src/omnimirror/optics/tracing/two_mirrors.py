@@ -35,7 +35,7 @@ from .reflection import (
 
 PROFILE = 129  # points of the secondary's profile tested for clearance
 CLEARANCE_CHUNK = 1 << 12
-NEAR_EDGE = 0.5  # of the secondary's radius: rays farther away are not compared with its profile
+NEAR_EDGE = 0.5  # relative to the radius of the secondary: rays farther away are not compared with its profile
 
 
 def clearances(

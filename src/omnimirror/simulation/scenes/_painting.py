@@ -332,7 +332,7 @@ class Surroundings:
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
-        length but 0.
+        non-zero length.
         """
         origins, towards = np.asarray(origins_mm, dtype=float), np.asarray(directions, dtype=float)
         light, clear, distance = self.surfaces.first_hits(origins, towards)

@@ -200,7 +200,7 @@ class Hall:
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
-        length but 0.
+        non-zero length.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class Hall:
         Returns
         -------
         (n,) array
-            Corners, mm.
+            Distances, mm; infinite without a surface.
 
         Raises
         ------

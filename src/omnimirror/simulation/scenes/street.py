@@ -297,7 +297,7 @@ class Street:
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Return linear RGB (n, 3) of rays from origins (n, 3) mm in directions (n, 3) of any
-        length but 0.
+        non-zero length.
 
         Parameters
         ----------

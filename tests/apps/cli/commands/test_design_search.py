@@ -150,7 +150,7 @@ def test_optimised_requirements_report_conflicts(tmp_path):
     conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
     helpful = {r["name"] for r in conflict["alone"] if r["needed"] is not None}
     assert {"total_blur_px", "f_number", "omega_max_deg"} <= helpful
-    assert 0 < conflict["joint_share"] < 0.5
+    assert 0 < conflict["joint_change"] < 0.5
 
 
 @pytest.mark.long
@@ -201,7 +201,8 @@ def test_interrupted_search_is_resumed(tmp_path):
         "--set",
         "search.resume=search.json",
     )
-    listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "  # also in background
+    # background processes ignore SIGINT by default
+    listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
     main = "from omnimirror.apps.cli import main; main(sys.argv[1:])"
     program = [sys.executable, "-c", listens + main, *search, "-o", "best.toml"]
     process = subprocess.Popen(

@@ -122,9 +122,9 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
             "No relaxation of a single requirement within the permitted range is sufficient.",
             highlight=False,
         )
-    if conflict.joint_share is not None:
+    if conflict.joint_change is not None:
         console.print(
-            f"Or if these are relaxed together by up to {conflict.joint_share:.2%}:",
+            f"Or if these are relaxed together by up to {conflict.joint_change:.2%}:",
             highlight=False,
         )
         for r in conflict.joint:
@@ -156,17 +156,17 @@ def print_conflict(console: Console, conflict: Conflict, verdict: Verdict) -> No
 def _change(r: Relaxation, verdict: Verdict, labels: Mapping[str, str]) -> str:
     """Format the relaxed value of a requirement, with labels as in the table of requirements."""
     unit, name = f" {r.unit}" if r.unit else "", labels.get(r.name, r.name)
-    share = f" ({r.share:.2%})" if r.share is not None else ""
+    relative_change = f" ({r.relative_change:.2%})" if r.relative_change is not None else ""
     relaxed, required = r.needed, r.requested
     if name in OF_ELEVATIONS.values() and relaxed is not None:
-        (required, relaxed), share = (
+        (required, relaxed), relative_change = (
             (
                 verdict.requirements.mount.elevations_deg((v, v))[0] + 0.0
                 for v in (required, relaxed)
             ),
             "",
         )
-    return f"{name}: {_number(relaxed)}{unit} instead of {_number(required)}{unit}{share}"
+    return f"{name}: {_number(relaxed)}{unit} instead of {_number(required)}{unit}{relative_change}"
 
 
 def print_convergence(console: Console, designs: dict[int, Design]) -> None:

@@ -150,7 +150,7 @@ class CameraModelOptions(Options):
 
 @dataclass(frozen=True)
 class EstimationOptions(Options):
-    """Camera model, its estimation."""
+    """Camera model, fixed parameters and priors."""
 
     priors: tuple[Prior, ...] = option(
         "--prior",

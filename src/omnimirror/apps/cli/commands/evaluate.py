@@ -359,7 +359,7 @@ def _draw(console: Console, result: Evaluation, folder: Path) -> None:
 
 
 def _misalignment_text(sensor: Sensor) -> str:
-    """Format the decentration and tilt of a sensor."""
+    """Format the decentre and tilt of a sensor."""
     parts = {"mirror": sensor.mirror_pose, "cover": sensor.housing.shell}
     misalignments = [
         f"the {name} is decentred by "

@@ -119,8 +119,8 @@ def _record(p: Psf) -> dict[str, Any]:
         "omega_deg": float(p.omega_deg),
         "strehl": float(p.strehl) if p.kind == "diffraction" else None,
         **{
-            f"encircled_radius_px_{share:.0%}".rstrip("%"): float(r)
-            for share, r in zip(SHARES, radii, strict=True)
+            f"encircled_radius_px_{fraction:.0%}".rstrip("%"): float(r)
+            for fraction, r in zip(SHARES, radii, strict=True)
         },
         "ensquared_energy": float(p.on_pixels().max()),
     }

@@ -591,9 +591,9 @@ def roundtrip(
                 raise
             print_notice(e)
             continue
-        records.append({"sensor": name, "blur_share": result.blur_share} | asdict(result))
+        records.append({"sensor": name, "blur_fraction": result.blur_fraction} | asdict(result))
         decibels = (result.exact_db, result.finer_db, result.blurred_db, result.single_db)
-        numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * result.blur_share:.0f}"]
+        numbers = [*(f"{d:.1f}" for d in decibels), f"{100 * result.blur_fraction:.0f}"]
         numbers += [
             f"{np.abs(s).max():.2f}"
             for s in (result.exact_px, result.single_px, result.predicted_px)

@@ -63,7 +63,7 @@ def command(
 
 
 def _is_live(source: str) -> bool:
-    """Return whether a source is a camera or stream; raise an error if it is neither that nor a
+    """Return whether a source is a camera or stream; raise an error unless it is one of these or a
     file.
     """
     live = is_video(source) and not Path(source).is_file()
