@@ -17,7 +17,7 @@ NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo studio check test test-full mutation programs chromium firefox node page lint format bench bench-page docs release clean
+.PHONY: help demo studio check test test-full test-lowest test-newest smoke mutation programs chromium firefox node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -44,15 +44,21 @@ test-full: lint chromium firefox node $(VENV)/.full  ## Run all tests, including
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
-test-lowest: $(BIN)/python  ## Smoke test with the lowest supported versions of the dependencies
+test-lowest:  ## Smoke test with the lowest supported versions of the dependencies
+	@$(MAKE) smoke VERSIONS=lowest RESOLUTION=lowest-direct
+
+test-newest:  ## Smoke test with the newest versions of the dependencies
+	@$(MAKE) smoke VERSIONS=newest RESOLUTION=highest
+
+smoke: $(BIN)/python
 	$(PIP) uv
-	$(BIN)/uv venv --quiet --clear --python $(BIN)/python out/lowest
-	$(BIN)/uv pip install --quiet --python out/lowest/bin/python --resolution lowest-direct .
-	out/lowest/bin/python release/trial.py
-	out/lowest/bin/omnimirror simulate paper-spherical --samples 1 -o out/lowest/circle.png
-	out/lowest/bin/omnimirror dewarp out/lowest/circle.png --sensor paper-spherical --view panorama -o out/lowest/panorama.png
-	out/lowest/bin/omnimirror maps paper-spherical --view panorama -o out/lowest/maps.npz
-	out/lowest/bin/omnimirror demo --output out/lowest/demo
+	$(BIN)/uv venv --quiet --clear --python $(BIN)/python out/$(VERSIONS)
+	$(BIN)/uv pip install --quiet --python out/$(VERSIONS)/bin/python --resolution $(RESOLUTION) .
+	out/$(VERSIONS)/bin/python release/trial.py
+	out/$(VERSIONS)/bin/omnimirror simulate paper-spherical --samples 1 -o out/$(VERSIONS)/circle.png
+	out/$(VERSIONS)/bin/omnimirror dewarp out/$(VERSIONS)/circle.png --sensor paper-spherical --view panorama -o out/$(VERSIONS)/panorama.png
+	out/$(VERSIONS)/bin/omnimirror maps paper-spherical --view panorama -o out/$(VERSIONS)/maps.npz
+	out/$(VERSIONS)/bin/omnimirror demo --output out/$(VERSIONS)/demo
 
 mutation: $(VENV)/.mutation  ## Run mutation testing: fraction of random code changes that tests detect (ARGS=--help)
 	$(BIN)/python tests/mutation.py $(ARGS)

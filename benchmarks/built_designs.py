@@ -87,7 +87,7 @@ def evaluations() -> dict[str, Callable[[], object]]:
     return {
         "ideal lens, bare mirror": lambda: om.evaluate(sphere, omega),
         "triplet and dome": lambda: om.evaluate(built, omega),
-        "triplet and dome, a new sensor each time": lambda: om.evaluate(
+        "triplet and dome, new sensor for each evaluation": lambda: om.evaluate(
             replace(refocused, name="new"), omega
         ),
     }
@@ -112,11 +112,11 @@ def main() -> None:
             f"`built_designs.py` on {processor()}, {os.cpu_count()} cores, NumPy {np.__version__}; medians of {RUNS} "
             f"and 40 interleaved runs.{load}",
             "",
-            f"| designs of {ANGLES} field angles | threads | designs a second | a second of one core |",
+            f"| designs of {ANGLES} field angles | threads | designs/s | designs/s per core |",
             "|---|---|---|---|",
             *rows,
             "",
-            f"| one evaluation of {ANGLES} field angles | ms | ms of the core |",
+            f"| one evaluation of {ANGLES} field angles | ms | CPU time, ms |",
             "|---|---|---|",
             *single,
         ]

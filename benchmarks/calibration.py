@@ -178,7 +178,10 @@ def lines(data: Path | None) -> str:
         }
         pixels = np.random.default_rng(0).uniform(0, SIZE, (2000, 2))
         for kind, model in (
-            ("as drawn, focal length 3 % off, it and the place free", freed),
+            (
+                "nominal sensor with an error of the focal length of 3 %; focal length and decentre free",
+                freed,
+            ),
             ("unknown", None),
         ):
             found = om.calibrate_plumb_lines([picture], model=model, **where)
@@ -233,7 +236,7 @@ def beside_boards(_: Path | None) -> str:
     rows = ["| | RMS error of directions | RMS predicted standard deviation |", "|---|---|---|"]
     for words, with_edges in (
         ("six boards in the right half", False),
-        ("and forty edges all around", True),
+        ("the same boards, and forty edges at all azimuths", True),
     ):
         errors, said = [], []
         for seed in range(6):

@@ -50,8 +50,8 @@ def clock_of(threads: int) -> Callable[[], float]:
 
 def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False) -> str:
     """Describe method and machine in one paragraph."""
-    row = f" of {in_a_row} in a row" if in_a_row > 1 else ""
-    clock = ", one thread by its processor time" if by_processor_time else ""
+    row = f" of {in_a_row} repetitions" if in_a_row > 1 else ""
+    clock = "; processor time for one thread" if by_processor_time else ""
     return (
         f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {backend.name} samplers, OpenCV "
         f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs{row}{clock}.{other_load()}"
@@ -61,7 +61,11 @@ def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False)
 def other_load() -> str:
     """Return a warning if other processes load the machine."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
-    return f" The load average was {load:.0f} before." if load > 0.5 * (os.cpu_count() or 1) else ""
+    return (
+        f" The load average before the run was {load:.0f}."
+        if load > 0.5 * (os.cpu_count() or 1)
+        else ""
+    )
 
 
 def processor() -> str:

@@ -64,10 +64,8 @@ def main() -> None:
         for batch in (few, many):
             for threads in dict.fromkeys((1, min(4, os.cpu_count() or 1))):
                 compiled(batch, threads)
-    functions["om.evaluate at a best focus of its own"] = lambda: om.evaluate(
-        sensor, omega, focus_mm="auto"
-    )
-    functions["om.evaluate as focused"] = lambda: om.evaluate(sensor, omega)
+    functions["om.evaluate at best focus"] = lambda: om.evaluate(sensor, omega, focus_mm="auto")
+    functions["om.evaluate at the specified focus"] = lambda: om.evaluate(sensor, omega)
     notes = []
     try:
         from optiland.analysis import FieldCurvature
@@ -87,7 +85,7 @@ def main() -> None:
             f"`design_rate.py` on {processor()}, {os.cpu_count()} cores, NumPy {np.__version__}; medians of {RUNS} "
             f"interleaved runs.{load}",
             "",
-            f"| designs of {ANGLES} field angles | designs a second | a second of one core |",
+            f"| designs of {ANGLES} field angles | designs/s | designs/s per core |",
             "|---|---|---|",
             *rows,
             *notes,

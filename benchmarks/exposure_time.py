@@ -120,9 +120,10 @@ def main() -> None:
     lines = [
         "# A picture through the whole aperture",
         "",
-        f"{PIXELS} x {PIXELS} px, {RAYS} rays each for all, environment. {circumstances(arguments.runs)}",
+        f"{PIXELS} x {PIXELS} px, {RAYS} rays per pixel for all programs, environment map. "
+        f"{circumstances(arguments.runs)}",
         "",
-        "| mirror | program | wall, s | processor, s | our gain, wall | our gain, processor | sampling error |",
+        "| mirror | program | wall, s | processor, s | speed-up, wall | speed-up, processor | sampling error |",
         "|---|---|---|---|---|---|---|",
     ]
     for label, name in SENSORS.items():

@@ -109,38 +109,38 @@ def photographer(visit: Visit) -> None:
     visit.see("the empty page")
     visit.file("#file", visit.folder / "ball.png")
     visit.page.locator("#ask").wait_for(state="visible")
-    visit.see("the question what took it")
+    visit.see("prompt for the type of camera")
     visit.press(visit.page.get_by_role("button", name="A mirror ball"))
     visit.until("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
     visit.page.get_by_role("status").filter(has_text="vertical edges").wait_for()
     visit.see("own image, dewarped and levelled")
     visit.press(visit.page.locator("#modes label").filter(has_text="Perspective"))
     visit.drag(0.3)
-    visit.see("a look around")
+    visit.see("panned view")
     with visit.page.expect_download():
         visit.button("Snapshot")
-    visit.see("a snapshot saved")
+    visit.see("saved snapshot")
 
 
 def student(visit: Visit) -> None:
     visit.button("Design", "#tabs")
     visit.page.wait_for_selector("#bench .compare tbody td")
-    visit.see("the paper's sphere on the bench")
+    visit.see("sphere of the paper in the design bench")
     visit.button("Pin")
     visit.choose("Start from a bundled sensor", "paper-hyperboloidal")
     visit.page.locator(".compare tbody tr").nth(1).wait_for()
-    visit.see("its hyperboloid over it in all plots")
+    visit.see("hyperboloid of the paper added to all plots")
     visit.press(visit.page.locator(".groups label").filter(has_text="3-D view"))
     visit.until("window.omnimirror.tabs.bench.desk.space?.view?.frames > 0")
-    visit.see("its rays in space")
+    visit.see("rays in the 3-D view")
     visit.button("Use as camera")
     visit.until("window.omnimirror.store.state.tab === 'look' && window.omnimirror.look.feed")
-    visit.see("a room seen through it")
+    visit.see("rendered image of a room")
 
 
 def integrator(visit: Visit) -> None:
     visit.until("window.omnimirror.look.feed")
-    visit.see("the first of four cameras")
+    visit.see("first of four cameras")
     visit.button("All views")
     visit.until(f"window.omnimirror.look.laid.places.length === {CAMERAS} && {SEEN}")
     visit.see("four cameras side by side")
@@ -153,9 +153,9 @@ def integrator(visit: Visit) -> None:
     visit.until(f"window.omnimirror.look.feed.name === 'camera{CAMERAS}.mp4'")
     visit.press(visit.page.locator("#modes label").filter(has_text="Perspective"))
     visit.drag(0.1)
-    visit.see("the last of them aimed")
+    visit.see("panned view of the last camera")
     visit.button("Copy link")
-    visit.see("a link to all of it")
+    visit.see("link to the four views")
 
 
 def engineer(visit: Visit) -> None:
@@ -163,15 +163,15 @@ def engineer(visit: Visit) -> None:
     visit.page.wait_for_selector("#bench .compare tbody td")
     visit.file("#bench-file", visit.folder / "hall.toml")
     visit.page.get_by_role("button", name="Design from requirements").wait_for()
-    visit.see("the requirements, and how far the sphere is from them")
+    visit.see("requirements, and margins of the sphere")
     visit.button("Design from requirements")
     visit.page.get_by_text("All requirements are met").wait_for()
-    visit.see("a design that meets them")
+    visit.see("design that meets the requirements")
     visit.button("Pin")
-    visit.see("the design pinned")
+    visit.see("pinned design")
     visit.button("Set errors")
     visit.page.wait_for_selector("svg.tornado rect")
-    visit.see("what each error does")
+    visit.see("effect of each error")
 
 
 PEOPLE = (photographer, student, integrator, engineer)
@@ -281,7 +281,7 @@ def main() -> None:
         "",
         head,
         "",
-        "| who | sees | presses | s |",
+        "| user | result | presses | s |",
         "|---|---|---|---|",
         *rows,
     ]

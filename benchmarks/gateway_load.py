@@ -237,7 +237,7 @@ def main() -> None:
             rows.append(f"| {name} | {ms:.2f} | {times * ms * RATE / 1e3:.2f} |")
         for name, coding in (("H.264", h264), ("JPEG", jpeg)):
             cores = (decoding + len(VIEWS) * (drawing + coding)) * RATE / 1e3
-            rows.append(f"| all of it, {name} | | {cores:.2f} of {TARGET_CORES} |")
+            rows.append(f"| total, {name} | | {cores:.2f} of {TARGET_CORES} |")
         for suffix in ("ts", "mjpg"):
             drawn, cores, dropped, median, late, rate = running(clip, suffix, arguments.seconds)
             live.append(
@@ -254,7 +254,8 @@ def main() -> None:
         "|---|---|---|",
         *rows,
         "",
-        "| watched as | frames/s of the source | dewarped views | dropped frames | cores | delay, ms | 95 % | frames |",
+        "| client protocol | frames/s of the source | dewarped views | dropped frames "
+        "| cores | delay, ms | 95 % | frames |",
         "|---|---|---|---|---|---|---|---|",
         *live,
     ]

@@ -102,7 +102,7 @@ def main() -> None:
         f"OpenCV {cv2.__version__}.",
         "",
         f"| view | source px per output px | {' | '.join(OURS)} | "
-        f"{' | '.join(f'cv2 {name}' for name in OPENCV)} | auto less best |",
+        f"{' | '.join(f'cv2 {name}' for name in OPENCV)} | auto minus best |",
         "|---|---|" + "---|" * (len(OURS) + len(OPENCV) + 1),
     ]
     for name, screen in VIEWS:

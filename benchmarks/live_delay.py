@@ -237,7 +237,8 @@ def main() -> None:
         f"# Live, {SIDE} x {SIDE} to a view of {SIZE[0]} x {SIZE[1]} that moves with every frame",
         "",
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, "
-        f"{backend.threads} threads, PyAV {av.__version__}; {arguments.seconds} s each, without the first.",
+        f"{backend.threads} threads, PyAV {av.__version__}; "
+        f"{arguments.seconds} s per transport, excluding the first second.",
         "",
         "| transport | sent/s | views/s | dropped | FFmpeg alone, ms | to the view, ms | 95 % | added, ms | frames |",
         "|---|---|---|---|---|---|---|---|---|",

@@ -32,17 +32,17 @@ def sensors() -> dict[str, om.Sensor]:
     return {
         "sphere, decentred": replace(sphere, mirror_pose=MirrorPose(0.7, -0.4)),
         "sphere, tilted": replace(sphere, mirror_pose=MirrorPose(tilt_x_deg=0.8, tilt_y_deg=-0.5)),
-        "sphere, both": built,
-        "hyperboloid, both": replace(hyperboloid, mirror_pose=POSE),
-        "even polynomial, both": replace(equidistant, mirror_pose=POSE),
-        "sphere, both, lens distortion": replace(
+        "sphere, decentred and tilted": built,
+        "hyperboloid, decentred and tilted": replace(hyperboloid, mirror_pose=POSE),
+        "even polynomial, decentred and tilted": replace(equidistant, mirror_pose=POSE),
+        "sphere, decentred and tilted, lens distortion": replace(
             built, lens=replace(sphere.lens, k1=-0.2, p1=1e-3, p2=-1e-3)
         ),
         "sphere, aligned, tilted lens distortion": replace(
             sphere, lens=replace(sphere.lens, k1=-0.2, p1=1e-3)
         ),
-        "sphere, both, dome": replace(built, housing=Housing(shell=Dome())),
-        "sphere, both, tube": replace(built, housing=Housing(shell=Tube(120.0))),
+        "sphere, decentred and tilted, dome": replace(built, housing=Housing(shell=Dome())),
+        "sphere, decentred and tilted, tube": replace(built, housing=Housing(shell=Tube(120.0))),
     }
 
 

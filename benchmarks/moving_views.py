@@ -147,7 +147,7 @@ def functions_of(picture: np.ndarray) -> dict[str, Callable[[], object]]:
         "table map + cv2.remap": lambda: remap(table_map(pan())),
         "distant view": lambda: straightened(view(np.inf)),
         "near view": lambda: straightened(view(400.0)),
-        "samples alone, of a still view": lambda: still(picture, out=out[SIZE]),
+        "sampling only, stationary view": lambda: still(picture, out=out[SIZE]),
         "coordinates of the distant view": lambda: lattice_map_of(camera, view(np.inf)),
         "coordinates of the near view": lambda: lattice_map_of(camera, view(400.0)),
         "distant panorama": lambda: straightened(panorama(np.inf)),
@@ -191,7 +191,7 @@ def main() -> None:
         "",
         circumstances(arguments.runs, FRAMES, by_processor_time=True),
         "",
-        f"| {' | '.join(['what, for every frame', *heads])} | table map / this | NumPy map / this |",
+        f"| {' | '.join(['computation per frame', *heads])} | table map / this | NumPy map / this |",
         f"|{'---|' * (len(heads) + 3)}",
     ]
     for name in functions:
@@ -208,7 +208,7 @@ def main() -> None:
     frames = ", ".join(f"{1e3 / of[LARGE_ROW]:.0f}" for of in ms.values())
     lines += [
         "",
-        f"A near view costs {near} times a distant one. From 4K frames {frames} moving views per second.",
+        f"Time ratio of a near to a distant view: {near}. Rate for 4K frames: {frames} moving views/s.",
     ]
     print("\n".join(lines))
     write_text(arguments.out / "moving_views.md", "\n".join(lines) + "\n")

@@ -86,16 +86,16 @@ def main() -> None:
     arguments = parser.parse_args()
     load, parts, processes = other_load(), catalogue(), arguments.processes
     rows = [
-        row(parts, 1.2, "the ten cheapest", processes, most=10),
-        row(parts, 0.05, "the ten cheapest, which no combination is", processes, most=10),
-        row(parts, 1.2, "the front of price against blur", processes, front=True),
+        row(parts, 1.2, "ten cheapest combinations", processes, most=10),
+        row(parts, 0.05, "ten cheapest combinations, none feasible", processes, most=10),
+        row(parts, 1.2, "Pareto front of price and blur", processes, front=True),
     ]
     table = "\n".join(
         [
             f"`parts_search.py` on {processor()}, {os.cpu_count()} cores, {processes} processes, NumPy "
             f"{np.__version__}; {LENSES} x {IMAGERS} parts.{load}",
             "",
-            "| requirements | blur at most, deg | s | found | cheapest |",
+            "| requirements | maximum blur, deg | s | found | cheapest |",
             "|---|---|---|---|---|",
             *rows,
         ]

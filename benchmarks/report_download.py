@@ -43,7 +43,7 @@ def main() -> None:
         if number == 0:
             wall, cores, size = once(name)
             rows.append(
-                f"| {name}, the server's first | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |"
+                f"| {name}, first report of the server | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |"
             )
         wall, cores, size = np.median([once(name) for _ in range(arguments.runs)], axis=0)
         rows.append(f"| {name} | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |")
@@ -53,7 +53,7 @@ def main() -> None:
         "",
         circumstances(arguments.runs).replace("interleaved runs", "reports"),
         "",
-        "| report of | s | core s | MB |",
+        "| report | s | CPU time, s | MB |",
         "|---|---|---|---|",
         *rows,
         "",

@@ -10,7 +10,7 @@ maximum gain with a specified noise of half to twice the true value, chosen with
 
     python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
     python benchmarks/restoration_gain.py --tuning                # the scenes used for tuning the weights
-    python benchmarks/restoration_gain.py --pixels 512 --blur-told 0.85 1.15   # incorrectly specified blur
+    python benchmarks/restoration_gain.py --pixels 512 --blur-factors 0.85 1.15   # incorrectly specified blur
     python benchmarks/restoration_gain.py --pixels 256 --jpeg 60 75 92         # JPEG images with estimated noise
 """
 
@@ -51,12 +51,12 @@ CROPS = (
 COLUMNS = (
     "sensor",
     "scene",
-    "blur alone, dB",
-    "given, dB",
+    "blur only, dB",
+    "given image, dB",
     "gain, dB",
     "worst tenth, dB",
-    "core s",
-    "first, core s",
+    "CPU time, s",
+    "first image, CPU time, s",
 )
 
 
@@ -283,10 +283,9 @@ def circumstances(pixels: int) -> str:
     return (
         f"`restoration_gain.py`: one image of {pixels} x {pixels} px in colour, {backend.threads} threads on "
         f"{processor()}, {os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
-        f"the load was {load:.0f} before. "
-        f"*Core s* are the seconds of all cores together, the median of {RUNS} runs, *first* for the first image of "
-        "a sensor, including all preparations. Pairs are the inner 2/3 of the radius / the outer "
-        "third.\n"
+        f"the load average before the run was {load:.0f}. "
+        f"*CPU time* is the sum over all cores, as the median of {RUNS} runs; *first image* includes all "
+        "preparations for a sensor. Pairs of values refer to the inner 2/3 and the outer 1/3 of the radius.\n"
     )
 
 
@@ -305,7 +304,11 @@ def main() -> None:
         "--pixels", type=int, default=1024, help="fewer, larger pixels, same blur in pixels"
     )
     parser.add_argument(
-        "--blur-told", type=float, nargs="*", default=[], help="scale factors of the specified blur"
+        "--blur-factors",
+        type=float,
+        nargs="*",
+        default=[],
+        help="scale factors of the specified blur",
     )
     parser.add_argument(
         "--jpeg",
@@ -326,7 +329,7 @@ def main() -> None:
         scenes |= {p.stem: exposed(p) for p in arguments.environment}
     lines = [circumstances(arguments.pixels)]
     told = TOLD if arguments.best else ()
-    others = (arguments.blur_told, arguments.jpeg)
+    others = (arguments.blur_factors, arguments.jpeg)
     for line in table(arguments.sensor, scenes, arguments.out, told, arguments.pixels, *others):
         print(line, flush=True)
         lines.append(line)

@@ -138,7 +138,7 @@ def main() -> None:
         "",
     ]
     lines += [
-        "| triangles | tree, s | bytes each | aperture, Mrays/s | chief rays, Mrays/s |",
+        "| triangles | tree construction, s | bytes per triangle | aperture, Mrays/s | chief rays, Mrays/s |",
         "|---|---|---|---|---|",
     ]
     threads = backend.threads
@@ -148,7 +148,7 @@ def main() -> None:
     backend.set_threads(threads)
     lines += [
         "",
-        f"| {PIXELS} x {PIXELS} px, {RAYS} rays each | core s | of the aperture |",
+        f"| {PIXELS} x {PIXELS} px, {RAYS} rays per pixel | CPU time, s | CPU time with aperture, s |",
         "|---|---|---|",
     ]
     sensor = sensor_of(PIXELS)

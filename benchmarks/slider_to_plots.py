@@ -138,9 +138,9 @@ def turned(page: Any, count: int) -> str:
     found, width, height = page.evaluate(TURN, count)
     (frame, drawn), (slow, _) = np.median(found, axis=0), np.percentile(found, 95, axis=0)
     return (
-        f"The view in space, {width} x {height} px, during rotation: "
-        f"a frame every {frame:.1f} ms (95th percentile: {slow:.1f}), "
-        f"{drawn:.1f} of them drawing, without a graphics card."
+        f"3-D view of {width} x {height} px during rotation, without a GPU: "
+        f"frame interval {frame:.1f} ms (95th percentile: {slow:.1f} ms), "
+        f"of which drawing takes {drawn:.1f} ms."
     )
 
 

@@ -171,7 +171,7 @@ def main() -> None:
         "",
         f"`{Path(__file__).name}` on {said}",
         "",
-        "| pages | frames/s of each, median | least | kB a frame | cores of the server | its ms for a frame sent |",
+        "| pages | frames/s per page, median | minimum | kB/frame | server cores | server ms per frame sent |",
         "|---|---|---|---|---|---|",
         *rows,
         "",

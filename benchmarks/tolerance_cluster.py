@@ -159,14 +159,15 @@ def write(
     beyond = whole - single - sum(standing.values()) * max(wall - quiet, 0.0)
     rows = [
         f"| threads of one process | {single:.1f} |",
-        f"| of that, start, reading and summing up | {again:.1f} |",
-        f"| cluster: the client process | {client:.1f} |",
+        f"| of which start-up, reading and reduction | {again:.1f} |",
+        f"| cluster: client process | {client:.1f} |",
         f"| cluster: scheduler | {spent['scheduler']:.2f} |",
         f"| cluster: {WORKERS} workers | {spent['workers']:.1f} |",
-        f"| cluster: scheduler, waiting, each second | {standing['scheduler']:.3f} |",
-        f"| cluster: {WORKERS} workers, waiting, each second | {standing['workers']:.3f} |",
-        f"| cluster beyond threads, as it ran | {whole - single:.1f}, {100 * (whole / single - 1):.0f} % |",
-        f"| cluster beyond threads, in the {quiet:.0f} s that it takes undisturbed | {beyond:.1f}, "
+        f"| cluster: scheduler, idle, per second | {standing['scheduler']:.3f} |",
+        f"| cluster: {WORKERS} workers, idle, per second | {standing['workers']:.3f} |",
+        f"| overhead of the cluster over threads, measured | {whole - single:.1f}, "
+        f"{100 * (whole / single - 1):.0f} % |",
+        f"| overhead of the cluster over threads, for an undisturbed run of {quiet:.0f} s | {beyond:.1f}, "
         f"{100 * beyond / single:.1f} % |",
     ]
     text = "\n".join(

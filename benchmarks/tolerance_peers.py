@@ -172,10 +172,10 @@ def main() -> None:
     for name, words, rays in (
         ("every", "Optiland's tolerancing module", n),
         ("single", "the same", 1),
-        ("aimed", "written by hand: perturbations, and one vectorised call of its tracer", n),
+        ("aimed", "custom code: perturbations, and one vectorised call of the Optiland tracer", n),
         (
             "by hand",
-            "written by hand: perturbations, and its mirror alone met by rays that are given",
+            "custom code: perturbations, and intersection of given rays with the mirror only",
             n,
         ),
     ):
@@ -187,7 +187,7 @@ def main() -> None:
             f"NumPy {np.__version__}, Optiland {version('optiland')}, {backend.name} ({processor()}). The same rays "
             f"leave both mirrors in directions that differ by {off:.1e} rad at most.",
             "",
-            "| a trial | rays | us | times ours, per ray |",
+            "| trial | rays | us | ratio to omnimirror per ray |",
             "|---|---:|---:|---:|",
             *rows,
         ]

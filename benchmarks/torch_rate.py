@@ -29,8 +29,8 @@ from omnimirror.interop.torch import TorchCamera, differentiable
 from omnimirror.optics.mirrors.as_built import MirrorPose
 
 RAYS = {"cpu": 1 << 20, "cuda": 1 << 24}
-RATES = {"cpu": "rays/s and core", "cuda": "rays/s"}
-POSES = {"in line": MirrorPose(), "out of line": MirrorPose(1.0, 0.0, 0.0, 1.0, 1.0)}
+RATES = {"cpu": "rays/s per core", "cuda": "rays/s"}
+POSES = {"aligned": MirrorPose(), "misaligned": MirrorPose(1.0, 0.0, 0.0, 1.0, 1.0)}
 LEARNED = {"": (), "focal length, tilt, shape": ("focal", "tilt", "shape")}
 
 
@@ -106,12 +106,13 @@ def main() -> None:
     )
     for dtype in (torch.float64,) if device == "cpu" else (torch.float64, torch.float32):
         about = f"{RAYS[device]} rays in {str(dtype)[6:]}, PyTorch {torch.__version__}, {where}. {circumstances(runs)}"
-        rate = "rays/s and core" if device == "cpu" else "rays/s"
+        rate = "rays/s per core" if device == "cpu" else "rays/s"
         lines += [
             "",
             about,
             "",
-            f"| | mirror | learned | forward, ns | {rate} | recorded, ns | backward, ns | of forward |",
+            f"| | mirror | trained parameters | forward, ns | {rate} | forward with graph, ns "
+            "| backward, ns | backward / forward |",
         ]
         lines.append("|---|---|---|---|---|---|---|---|")
         for line in rows(device, dtype, runs):

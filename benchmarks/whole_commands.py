@@ -116,7 +116,7 @@ def one_picture(folder: Path, runs: int) -> list[str]:
             f"{WIDE}x{TALL}!",
         ]
         commands["ImageMagick DePolar"] = [im, source, *polar, "-quality", "95", folder / "e.jpg"]
-    commands["Python and OpenCV, reading and writing alone"] = [
+    commands["Python and OpenCV, reading and writing only"] = [
         sys.executable,
         "-c",
         ALONE,
@@ -170,12 +170,12 @@ def many_pictures(folder: Path, count: int, runs: int) -> list[str]:
     found = costs(
         {
             **ways,
-            "OpenCV, reading and writing alone": emptied(codecs),
+            "OpenCV, reading and writing only": emptied(codecs),
             "one picture": lambda: started,
         },
         runs,
     )
-    alone, start = found["OpenCV, reading and writing alone"][1], found.pop("one picture")[1]
+    alone, start = found["OpenCV, reading and writing only"][1], found.pop("one picture")[1]
     return [
         f"| {name} | {s:.2f} | {cpu:.2f} | {1e3 * cpu / count:.1f} | {100 * (cpu / alone - 1):+.0f} % |"
         for name, (s, cpu) in found.items()
@@ -204,13 +204,13 @@ def main() -> None:
             "",
             "One JPEG of 3840 x 2160 px to a panorama of 3840 x 960:",
             "",
-            "| program | s | processor, s | times ours |",
+            "| program | s | processor, s | ratio to omnimirror |",
             "|---|---:|---:|---:|",
             *large,
             "",
             f"A folder of {arguments.count} JPEGs of 1024 x 1024 px to panoramas of 1440 x 540:",
             "",
-            "| interpolation | s | processor, s | per image, ms | beyond the codecs |",
+            "| interpolation | s | processor, s | per image, ms | overhead over the codecs |",
             "|---|---:|---:|---:|---:|",
             *many,
             "",

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 import re
 import shutil
 import textwrap
@@ -27,6 +28,7 @@ import click
 import omnimirror as om
 from omnimirror.apps import studio
 from omnimirror.apps.cli import app as program
+from omnimirror.interop import file_schemas
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "out" / "site-pages"
@@ -34,6 +36,7 @@ OUTSIDE = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
+    "CODE_OF_CONDUCT.md": "code-of-conduct.md",
     "SECURITY.md": "security.md",
     "THIRD_PARTY.md": "third-party.md",
     "LICENSE": "licence.md",
@@ -376,9 +379,18 @@ def command_line() -> None:
     (PAGES / "reference" / "commands.md").write_text("\n".join(lines))
 
 
+def schemas() -> None:
+    """Write the JSON Schema of each kind of file."""
+    folder = PAGES / "schemas"
+    folder.mkdir()
+    for kind in file_schemas.KINDS:
+        text = json.dumps(om.schema(kind), indent=2, allow_nan=False)
+        (folder / f"{kind}.json").write_text(text, encoding="utf-8")
+
+
 def standalone_page() -> None:
     """Write the studio without a server, embedded in pages."""
-    (PAGES / "straighten.html").write_text(studio.standalone_page(), encoding="utf-8")
+    (PAGES / "viewer.html").write_text(studio.standalone_page(), encoding="utf-8")
 
 
 if __name__ == "__main__":
@@ -386,4 +398,5 @@ if __name__ == "__main__":
     standalone_page()
     reference()
     command_line()
+    schemas()
     print(f"{len(list(PAGES.rglob('*.md')))} pages in {PAGES.relative_to(ROOT)}")

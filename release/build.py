@@ -23,6 +23,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TRIAL = ROOT / "release" / "trial.py"
+MAX_ARCHIVE_BYTES = 2_000_000
 BROUGHT_BY_VENV = {"pip", "setuptools"}  # installed by venv, not dependencies
 # Code that requires each extra.
 COMMAND = "from omnimirror.apps.cli import main; main({!r}.split())"
@@ -86,6 +87,8 @@ def build(pythons: Sequence[str], out: Path, work: Path) -> tuple[Path, list[Pat
     """Build the source archive, and the wheels from it; return their paths."""
     run(sys.executable, "-m", "build", "--sdist", "--outdir", out)
     (archive,) = out.glob("*.tar.gz")
+    if (size := archive.stat().st_size) > MAX_ARCHIVE_BYTES:
+        sys.exit(f"{archive.name} must have at most {MAX_ARCHIVE_BYTES} bytes; got {size}")
     for python in pythons:
         raw = work / f"raw-{Path(python).parent.parent.name}-{Path(python).name}"
         run(python, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", raw, archive)
@@ -123,8 +126,8 @@ def serves(wheel: Path, python: str) -> bool:
 
 def bill_of_materials(wheel: Path, python: str, out: Path, work: Path) -> None:
     """Write a CycloneDX bill of materials of an installation with all extras, with versions and licences."""
-    requirement = f"{wheel}[{','.join(sorted(EXTRAS))}]"
-    interpreter, bill = environment(python, work / "bill", requirement), out / "omnimirror.cdx.json"
+    interpreter = environment(python, work / "bill", f"{wheel}[all]")
+    bill = out / "omnimirror.cdx.json"
     metadata = ("--pyproject", ROOT / "pyproject.toml", "--mc-type", "library")
     run(
         sys.executable,
@@ -173,7 +176,7 @@ def main() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
-    if untested := sorted(set(declared) - set(EXTRAS) - {"test", "full"}):
+    if untested := sorted(set(declared) - set(EXTRAS) - {"all", "full", "mutation", "test"}):
         sys.exit(f"EXTRAS must test all extras; missing: {', '.join(untested)}")
     pythons = [
         shutil.which(p) or sys.exit(f"--python must be an executable; got {p}")

@@ -387,8 +387,7 @@ from dataclasses import dataclass
 import click
 
 from ....optics.sensor_files import load_sensor
-from .._declarations import Options, add_options, option
-from .._option_types import NUMBER
+from .._declarations import NUMBER, Options, add_options, option
 
 
 @dataclass(frozen=True)

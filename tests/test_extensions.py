@@ -48,7 +48,7 @@ class Bowl(Mirror):
     rim_radius_mm: float
     KIND: ClassVar[str] = "bowl"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"),
+        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim above the vertex"),
         "rim_radius_mm": RIM_RADIUS,
     }
 
@@ -111,7 +111,7 @@ class Quartic(Mirror):
     rim_radius_mm: float
     KIND: ClassVar[str] = "quartic"
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"),
+        "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim above the vertex"),
         "rim_radius_mm": RIM_RADIUS,
     }
     wrong: ClassVar[float] = 1.0

@@ -304,7 +304,7 @@ def comments(source: str, where: str, in_strings: Container[int]) -> Iterator[Te
 
 def pages() -> list[Path]:
     """Return the pages of the documentation."""
-    own = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+    own = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "CODE_OF_CONDUCT.md", "SECURITY.md")
     folders = ("native", "web", "release")
     return [
         *sorted((ROOT / "docs").glob("*.md")),

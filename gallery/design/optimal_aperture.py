@@ -1,4 +1,4 @@
-"""Geometric blur and diffraction over the F-number, and the aperture with the smallest worst case."""
+"""Geometric blur and diffraction against F-number, and the aperture with the smallest maximum."""
 
 from dataclasses import replace
 

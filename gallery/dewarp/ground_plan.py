@@ -1,4 +1,4 @@
-"""Plan view of the ground with 5 mm per pixel, by the true reflection."""
+"""Plan view of the ground with 5 mm per pixel, computed with the true reflection points."""
 
 from dataclasses import replace
 

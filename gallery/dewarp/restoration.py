@@ -1,4 +1,4 @@
-"""Image at F/1.4, and restored with the known blur of each pixel."""
+"""Image at F/1.4 before and after restoration with the known blur of each pixel."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Blur over the field angle for the three mirrors of the paper at best focus."""
+"""Blur against field angle for the three mirrors of the paper at best focus."""
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,4 +1,4 @@
-"""Blur of nearby objects over the distance for three F-numbers."""
+"""Blur of nearby objects against distance for three F-numbers."""
 
 from dataclasses import replace
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .analysis.evaluation import field_angles as field_angles
     from .analysis.focus import best_focus as best_focus
     from .analysis.ghost_images import ghosts as ghosts
+    from .analysis.meridional_imaging import best_viewpoint as best_viewpoint
     from .analysis.operating_conditions import at_temperature as at_temperature
     from .analysis.operating_conditions import at_wavelength as at_wavelength
     from .analysis.operating_conditions import thermal_motion_px as thermal_motion_px
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from .analysis.relative_illumination import illumination as illumination
     from .analysis.spot_diagrams import check_blur as check_blur
     from .analysis.spot_diagrams import spots as spots
-    from .analysis.viewpoints import best_viewpoint as best_viewpoint
     from .apps.reports import write_demo as write_demo
     from .apps.reports.calibration import write_calibration_figures as write_calibration_figures
     from .apps.reports.calibration import write_calibration_report as write_calibration_report
@@ -114,6 +114,7 @@ if TYPE_CHECKING:
     from .interop import batch as batch
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
+    from .interop.file_schemas import schema as schema
     from .interop.gateway.serving import serve_views as serve_views
     from .interop.named_views import NamedView as NamedView
     from .interop.named_views import load_views as load_views
@@ -186,7 +187,7 @@ __version__ = "0.2.0"
 
 _HOMES = {
     "best_focus": "analysis.focus",
-    "best_viewpoint": "analysis.viewpoints",
+    "best_viewpoint": "analysis.meridional_imaging",
     "temperature_range": "design.requirement_check",
     "at_temperature": "analysis.operating_conditions",
     "at_wavelength": "analysis.operating_conditions",
@@ -280,6 +281,7 @@ _HOMES = {
     "ColmapProject": "interop.colmap",
     "serve_views": "interop.gateway.serving",
     "load_views": "interop.named_views",
+    "schema": "interop.file_schemas",
     "NamedView": "interop.named_views",
     "ViewMap": "interop.view_maps",
     "view_map": "interop.view_maps",

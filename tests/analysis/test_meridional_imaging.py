@@ -14,9 +14,9 @@ from omnimirror.analysis.cross_section import image_curves
 from omnimirror.analysis.meridional_imaging import (
     distances_from_lens,
     imaging_characteristics,
+    viewpoint_angle_error,
     virtual_images,
 )
-from omnimirror.analysis.viewpoints import viewpoint_angle_error
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError, OutsideField, OutsideMirror
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Orthographic, Perspective

@@ -19,7 +19,7 @@ from omnimirror.base import native
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import INTERFACE, Backend, backend, usable_cores
 from omnimirror.cameras import camera as cameras
-from omnimirror.dewarp import _footprints, radial_table
+from omnimirror.dewarp import _source_coordinates, sampling
 from omnimirror.optics.batch import best_focus, evaluate
 from omnimirror.simulation import pixel_rays
 from omnimirror.simulation.scenes import surfaces
@@ -235,12 +235,12 @@ def test_tasks_without_memory_raise(first, threads):
 
 SOURCES = Path(__file__).parents[2] / "native" / "src"
 SHARED = {
-    "sampling/footprint.hpp": {"JUMP2": _footprints.JUMP2, "JUMP2_PX": _footprints.JUMP2_PX},
-    "sampling/job.hpp": {"MOST_TAPS": _footprints.MOST_TAPS},
-    "sampling/sides.cpp": {"EVERY": _footprints.EVERY_PX},
+    "sampling/footprint.hpp": {"JUMP2": sampling.JUMP2, "JUMP2_PX": sampling.JUMP2_PX},
+    "sampling/job.hpp": {"MOST_TAPS": sampling.MOST_TAPS},
+    "sampling/sides.cpp": {"EVERY": sampling.EVERY_PX},
     "sampling/axial.hpp": {"EDGE_PX": 0.5 + cameras.EDGE_SLACK},
     "sampling/axial_kernel.hpp": {
-        name: getattr(radial_table, name) for name in ("SLACK", "CLOSE", "GAP", "MOST_STEPS")
+        name: getattr(_source_coordinates, name) for name in ("SLACK", "CLOSE", "GAP", "MOST_STEPS")
     },
     "designs/designs.hpp": {
         "DESIGN_COLUMNS": len(evaluate.BATCH_COLUMNS),

@@ -18,7 +18,7 @@ from omnimirror.cameras.models import (
     Unified,
     ViewpointSpline,
 )
-from omnimirror.dewarp import radial_table as radial
+from omnimirror.dewarp import _source_coordinates as radial
 from omnimirror.optics.lenses import Orthographic, Perspective, TabulatedLens
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors

@@ -121,7 +121,7 @@ def test_files_have_the_requested_name(tmp_path):
         ("a.foo", None, "the suffix of a.foo must be one of .exr"),
         ("a", None, "formats must be given for the folder"),
         ("a.exr", ["npz"], "the suffix of npz files must be .npz; got a.exr"),
-        ("a.exr", ["exr", "npz"], "give a folder"),
+        ("a.exr", ["exr", "npz"], "specify a folder"),
         ("a", ["obj"], "formats must be from exr.*; got 'obj'"),
         ("a", [], "formats must contain at least one of exr"),
     ],

@@ -599,7 +599,7 @@ def test_invalid_view_positions_are_rejected(shape):
         (lambda: Mosaic.stacked([]), "size"),
         (
             lambda: Mosaic.stacked([[Plane((5, 5))], []]),
-            "each row of the mosaic must contain at least one view",
+            "each row of the mosaic must contain at least one view; got an empty row",
         ),
     ],
 )

@@ -30,7 +30,7 @@ SPHERE = om.load_sensor("paper-spherical")
 
 
 def at(sensor, side, F, focus, mode="exact"):
-    """Return the largest root sum square of blur and Airy disk over the field, by the evaluation."""
+    """Return the largest root sum of squares of blur and Airy disk over the field, by the evaluation."""
     name = "f_number" if isinstance(sensor.lens, Perspective) else "working_f_number"
     sensor = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))
     r = om.evaluate(sensor, np.linspace(*sensor.field_deg, 301), focus_mm=float(focus), mode=mode)
@@ -283,7 +283,7 @@ def test_extension_rings_of_a_catalogue_are_within_their_range():
         ),
         (
             "name,ball_diameter_mm,use\nA,60,arm\n",
-            r"parts\.csv line 2: unknown column use; valid are name",
+            r"parts\.csv line 2: unknown column use; use name",
         ),
         ("name,mass_g\nA,3\n", r"parts\.csv line 2: column focal_length_mm is missing"),
         ("", "at least one lens is required"),
@@ -353,7 +353,7 @@ def test_catalogues_as_csv(tmp_path):
     ("text", "sentence"),
     [
         ("[[lens]]\nname = 'A'\n", "focal_length_mm is missing"),
-        ("[[lens]]\nname = 'A'\nfocal = 3\nsort = 4\n", "unknown entry focal; valid"),
+        ("[[lens]]\nname = 'A'\nfocal = 3\nsort = 4\n", "unknown entry focal; use"),
         ("[[camera]]\nname = 'A'\n", "got camera"),
         ("lens = 3\n", "got lens"),
         (
@@ -379,7 +379,7 @@ def test_catalogues_as_csv(tmp_path):
         ("lens = [3]\n", r"parts\.toml: lens 1 must be a table, one of \[\[lens\]\]"),
         (
             BALL_TABLE + "[[ball]]\nname = 'B'\nwall_mm = 2\n",
-            r"parts\.toml, ball 2: unknown entry wall_mm; valid are",
+            r"parts\.toml, ball 2: unknown entry wall_mm; use",
         ),
         (
             BALL_TABLE + BALL_TABLE,

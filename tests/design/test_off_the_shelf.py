@@ -449,7 +449,7 @@ def test_search_without_parts_or_balls_is_rejected():
             ("3840,2160", "3840.5,2160"),
             "line 3: column width_px must be an integer number of pixels; got 3840.5",
         ),
-        (("8 MP,,", "8 MP,8,"), "line 3: unknown column focal_length_mm; valid are"),
+        (("8 MP,,", "8 MP,8,"), "line 3: unknown column focal_length_mm; use "),
         (
             ("2 MP,", "8 MP,"),
             "line 4: names must be unique; the imager '8 MP' is also in .* line 3",

@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.base.native import backend
-from omnimirror.dewarp._footprints import RULES, squared_sides_of_pixels
 from omnimirror.dewarp.interfaces import INTERPOLATIONS, KERNELS, Annulus
 from omnimirror.dewarp.maps import LatticeMap, PixelMap
-from omnimirror.dewarp.sampling import remap
+from omnimirror.dewarp.sampling import RULES, remap, squared_sides_of_pixels
 from tests.everyday import few
 from tests.samplers import instructions, remap_at
 

@@ -23,7 +23,7 @@ def test_reconstruction_of_a_walk(tmp_path, beside):
     poses, project = walked(tmp_path)
     model = reconstructed(pycolmap, project.folder)
     lost = 100 * (1 - model.num_reg_images() / (STEPS * len(project.rig)))
-    beside("COLMAP", "images of a walk without a reconstructed pose", lost, 5.0, "%")
+    beside("COLMAP", "images of a camera path without a reconstructed pose", lost, 5.0, "%")
     stated = project.rig[0].errors_px[3000.0]  # the walls are about that far
     assert model.compute_mean_reprojection_error() < stated
 
@@ -32,7 +32,7 @@ def test_reconstruction_of_a_walk(tmp_path, beside):
     length = np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
     beside(
         "COLMAP",
-        "relative deviation of the path of this walk",
+        "relative deviation of this path",
         100 * missed.max() / length,
         1.0,
         "%",

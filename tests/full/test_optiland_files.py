@@ -76,7 +76,7 @@ def test_chief_rays_leave_the_mirror_at_the_field_angles(kind, load, tmp_path, b
     )
     assert tolerance < 1e-3
     off = np.abs(np.sort(omega) - field_angles(sensor)).max()
-    kinds = "of their own form" if kind in SURFACES_OF_LENS_FILES else "as aspheres of a lens file"
+    kinds = "as exact surfaces" if kind in SURFACES_OF_LENS_FILES else "approximated by aspheres"
     beside(
         "Optiland",
         f"field angles of chief rays in exported .zmx files, mirrors {kinds}",

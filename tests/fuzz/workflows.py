@@ -171,6 +171,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "load_tolerances": (om.load_tolerances, {"path": "tolerances.toml", "sensor": SENSOR}),
     "tolerance_template": (om.tolerance_template, {"sensor": SENSOR, "grade": "fine"}),
+    "schema": (om.schema, {"kind": "views"}),
     "perturbed": (om.perturbed, {"sensor": SENSOR, "values": {"lens.k1": 0.01}}),
     "tolerance": (
         om.tolerance,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 from fractions import Fraction
 
 import av
@@ -144,6 +145,19 @@ def test_tracks_are_kept(tmp_path, source, target):
     assert [text for *_, text in after[3]] == ["Hello there", "Second\nline"]
     # Matroska starts with the priming of AC-3, 5.3 ms, which MP4 counts as negative.
     np.testing.assert_allclose([t[:2] for t in after[3]], [(0.2, 0.7), (1.0, 0.5)], atol=0.006)
+
+
+@pytest.mark.parametrize("begins_ms", [0, 1200])
+def test_pauses_between_subtitles_are_kept(tmp_path, monkeypatch, begins_ms):
+    """MP4 has samples without text in pauses; a copy of those delayed the texts after them."""
+    texts = [(120, 900, "First"), (1500, 300, "Second"), (2600, 300, "Third")]
+    monkeypatch.setattr(sys.modules[__name__], "TEXTS", texts)
+    make_film(tmp_path / "a.mp4", begins_ms, seconds=3)
+    through(tmp_path / "a.mp4", tmp_path / "b.mp4")
+    times = [((at + begins_ms) / 1000, duration / 1000) for at, duration, _ in texts]
+    found = tracks_of(tmp_path / "b.mp4")[3]
+    assert [text for *_, text in found] == ["First", "Second", "Third"]
+    np.testing.assert_allclose([text[:2] for text in found], times, atol=2e-3)
 
 
 GPMF = [b"DEVC\0\0\0\4" + bytes([second] * 4) for second in range(2)]

@@ -114,7 +114,7 @@ struct Sides {
 };
 
 // A neighbour many times farther away than the opposite one belongs to another view of a mosaic.
-constexpr float JUMP2 = 16, JUMP2_PX = 4;  // as in dewarp/_footprints.py
+constexpr float JUMP2 = 16, JUMP2_PX = 4;  // as in dewarp/sampling.py
 
 bool is_missing(float square, float opposite) {
     return (square != square) | (square > JUMP2 * opposite + JUMP2_PX);

@@ -27,7 +27,7 @@ from ..optics.sensor import Sensor, check_sensor
 from ._full_field import FullFieldEvaluation
 from .evaluation import Evaluation, evaluate
 from .focus import best_focus
-from .viewpoints import best_viewpoint
+from .meridional_imaging import best_viewpoint
 
 Better = Literal["high", "low", ""]
 

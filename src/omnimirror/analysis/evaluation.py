@@ -24,8 +24,7 @@ from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, Gauss
 from ..optics.mirrors import Mirror, SampledProfile
 from ..optics.sensor import Sensor, check_sensor
 from .focus import FocusStudy, best_focus, distance_per_angle
-from .meridional_imaging import virtual_images
-from .viewpoints import viewpoint_z
+from .meridional_imaging import viewpoint_z, virtual_images
 
 # -- Standard deviations from the scatter of a measured profile ------------------------------------
 

@@ -529,5 +529,8 @@ def _spectrum(wavelength_nm: ArrayLike, weights: ArrayLike | None) -> tuple[Arra
     if not valid.all():
         raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {waves[~valid][0]:g}")
     if not ((spectral_weights >= 0).all() and spectral_weights.sum() > 0):
-        raise InvalidParameter("weights must not be negative, nor all 0")
+        raise InvalidParameter(
+            "weights must be at least 0, and one must be greater than 0; got "
+            f"{format_value(spectral_weights.tolist())}"
+        )
     return waves, spectral_weights / spectral_weights.sum()

@@ -148,4 +148,4 @@ def _through(
         light[hit] *= transmit_rays(
             shell, reflections.points[hit], reflections.directions[hit]
         ).passed
-    return tuple(a.reshape(k, n) @ pupil.weights for a in (light, reflected, passes))  # type: ignore[return-value]
+    return tuple(a.reshape(k, n) @ pupil.weights for a in (light, reflected, passes))  # type: ignore[return-value]  # the length of the generator is fixed

@@ -291,7 +291,7 @@ def check_blur(
         else angles
     )
     if not angles.size:
-        raise InvalidParameter("omega_deg must contain at least one field angle")
+        raise InvalidParameter("omega_deg must contain at least one field angle; got none")
     u = np.linspace(-1, 1, FAN_RAYS)
     fans = Pupil(
         np.concatenate([np.outer(u, [1, 0]), np.outer(u, [0, 1])]),
@@ -299,7 +299,7 @@ def check_blur(
     )
     rows = []
     for F in numbers:
-        changed = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]
+        changed = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))  # type: ignore[type-var]  # all implementations are dataclasses
         result = evaluate(changed, angles, object_distance_mm=object_distance_mm)
         spot = spots(changed, angles, pupil=fans, object_distance_mm=object_distance_mm)
         t, s = spot.t_px[:, 0, :FAN_RAYS], spot.s_px[:, 0, FAN_RAYS:]

@@ -46,7 +46,7 @@ def numbers(name: str, value: ArrayLike, expected: str = "numbers of shape (n,)"
     """
     array = _real_array(name, value, expected)
     if not array.size:
-        raise InvalidParameter(f"{name} must contain at least one number")
+        raise InvalidParameter(f"{name} must contain at least one number; got none")
     return array
 
 

@@ -117,7 +117,7 @@ class Backend:
     def kernels(self) -> Kernels:
         """Compiled kernels; valid only if :attr:`is_compiled`."""
         if self.module is None:
-            raise RuntimeError("there are no compiled kernels; check backend.is_compiled first")
+            raise RuntimeError("the compiled kernels are missing; check backend.is_compiled first")
         return self.module
 
     @property

@@ -242,13 +242,13 @@ class Result:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if "__repr__" not in cls.__dict__:  # `dataclass` keeps a repr in the class itself
-            cls.__repr__ = _repr  # type: ignore[method-assign]
+            cls.__repr__ = _repr  # type: ignore[method-assign]  # decorator
 
     def _table(self) -> Columns:
         """Return the columns of the data frame: the arrays (n,) of one length, or one row of the
         scalar fields.
         """
-        values = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        values = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]  # subclasses are dataclasses
         arrays = {k: v for k, v in values.items() if isinstance(v, np.ndarray) and v.ndim == 1}
         if arrays and len({len(v) for v in arrays.values()}) == 1:
             return arrays

@@ -289,13 +289,13 @@ def convert(
     exact = result is not None
     if result is None:
         calibrated_deg = _calibrated_deg(stored.camera)
-        result = _approximate(
-            stored.camera,
-            targets,
-            tolerance,
-            object_distances,
-            (calibrated_deg if field[0] is None else field[0], field[1]),
-        )
+        max_deg = calibrated_deg if field[0] is None else field[0]
+        try:
+            result = _approximate(
+                stored.camera, targets, tolerance, object_distances, (max_deg, field[1])
+            )
+        except InvalidParameter as e:  # contradictions in the file may be the cause
+            raise InvalidParameter("; ".join([str(e), *stored.notes])) from e
     elif result.target.layout.is_panorama:
         result = _panorama(stored.camera, result.target, object_distances)
         exact = not result.costs

@@ -100,7 +100,12 @@ def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]
 
 def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
     """Return image, edge and pixel of each line of a file."""
-    text = read_text(path, "points on lines", InvalidParameter, f"there is no file {path}")
+    text = read_text(
+        path,
+        "points on lines",
+        InvalidParameter,
+        f"cannot read the points {path}: the file does not exist",
+    )
     lines = [
         (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
     ]

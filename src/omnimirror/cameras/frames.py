@@ -101,7 +101,7 @@ class Mount:
         if self.camera_looks == "forward" or self.is_tilted:
             raise InvalidParameter(
                 'camera_looks must be "up" or "down", and pitch_deg and roll_deg must be 0 for elevations; got '
-                f'"{self.camera_looks}", {self.pitch_deg:g} and {self.roll_deg:g} deg; give field angles instead'
+                f'"{self.camera_looks}", {self.pitch_deg:g} and {self.roll_deg:g} deg; specify field angles instead'
             )
         low, high = elevation_deg
         return (90.0 + low, 90.0 + high) if self.camera_looks == "up" else (90.0 - high, 90.0 - low)

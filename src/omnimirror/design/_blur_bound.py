@@ -295,7 +295,7 @@ def _followed(
     def begins(_: float, state: Array) -> float:
         return float(state[0]) - omega_min
 
-    begins.terminal = True  # type: ignore[attr-defined]
+    begins.terminal = True  # type: ignore[attr-defined]  # attribute defined by SciPy
     with np.errstate(all="ignore"):  # a trial step may pass the horizon and is then reduced
         path = solve_ivp(
             rates,

@@ -177,7 +177,7 @@ class Focusing:
         lens, pitch = self.sensor.lens, self.sensor.imager.pitch_mm
         if isinstance(lens, Perspective):
             return PerspectiveCamera(lens.focal_length_mm, f_number, self._rim_ray, pitch)
-        return TelecentricCamera(lens.magnification, f_number, self._rim_ray, pitch)  # type: ignore[attr-defined]
+        return TelecentricCamera(lens.magnification, f_number, self._rim_ray, pitch)  # type: ignore[attr-defined]  # orthographic
 
     @cached_property
     def _rim(self) -> tuple[float, float]:

@@ -356,7 +356,7 @@ def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
     if unknown := [name for name in header if name not in known]:
         hint = did_you_mean(unknown[0], known)
         raise OmnimirrorError(
-            f"{path} line 1: unknown column {format_value(unknown[0])}{hint}; valid are {', '.join(known)}"
+            f"{path} line 1: unknown column {format_value(unknown[0])}{hint}; use {', '.join(known)}"
         )
     if twice := [name for i, name in enumerate(header) if name in header[:i]]:
         raise OmnimirrorError(f"{path} line 1: columns must be unique; {twice[0]} is repeated")
@@ -415,7 +415,7 @@ def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) 
     known = {f.name: f for f in fields(cls)}
     if unknown := [k for k in entry if k not in known]:
         raise OmnimirrorError(
-            f"{where}: unknown {what or 'entry '}{unknown[0]}; valid are {', '.join(known)}"
+            f"{where}: unknown {what or 'entry '}{unknown[0]}; use {', '.join(known)}"
         )
     if missing := [k for k, f in known.items() if f.default is MISSING and k not in entry]:
         raise OmnimirrorError(

@@ -168,7 +168,7 @@ def _at_f_number(lens: Lens, f_number: float) -> Lens:
     change: dict[str, Any] = {
         "f_number" if isinstance(lens, Perspective) else "working_f_number": f_number
     }
-    return replace(lens, **change)  # type: ignore[type-var]
+    return replace(lens, **change)  # type: ignore[type-var]  # all implementations are dataclasses
 
 
 # -- Selection of off-the-shelf lenses and imagers for a mirror, with reasons for rejection --------

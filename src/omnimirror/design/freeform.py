@@ -113,7 +113,7 @@ class FreeformDesignSpace:
 
     def freed(self, ranges: dict[str, tuple[float, float]]) -> FreeformDesignSpace:
         """Return the space with additional free numbers."""
-        return replace(self, problem=replace(self.problem, **ranges))  # type: ignore[arg-type]
+        return replace(self, problem=replace(self.problem, **ranges))  # type: ignore[arg-type]  # types of the keywords depend on their names
 
     def point(self, y: Array) -> Point:
         """Return a design as a point, including fixed numbers."""

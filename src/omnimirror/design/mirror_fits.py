@@ -1,4 +1,4 @@
-"""Polynomial and conic-asphere mirrors fitted to the mapping of a target mirror.
+"""Mirrors fitted to a target mirror: polynomials and conic aspheres, and mirrors of any class.
 
 The rim radius and its viewing angle are preserved. A least-squares solution is the initial value of
 Lawson's algorithm, which reweights each point by its previous deviation to minimise the largest
@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -374,3 +374,97 @@ class _Problem:
             float(np.abs(rays.z - z).max()) * 1e3,
             float(np.abs(rays.beta - np.arctan(slope)).max()) * 1e3,
         )
+
+
+# -- Mirrors of any class --------------------------------------------------------------------------
+
+M = TypeVar("M", bound=Mirror)
+SAMPLES = 300  # random samples per parameter, of which the best are refined
+REFINED = 5
+RIM_WEIGHT = 1000.0  # of the slope angle at the rim, which determines the field angle
+INVALID_RAD = np.pi  # deviation of parameters without a valid mirror
+SMALL = 1e-3  # parameters are searched linearly below and logarithmically above this magnitude
+
+
+def similar_mirror(cls: type[M], target: Mirror) -> M:
+    """Return a mirror of a class with the rim radius and nearly the slope angles of a target.
+
+    The scalar parameters without default minimise the squared deviation of the slope angle, with a
+    large weight at the rim: the best of random samples over their ranges are refined by least
+    squares. Words have their first valid value, other parameters their defaults.
+
+    Raises
+    ------
+    InvalidParameter
+        If a parameter without default is a list, or no sample is a valid mirror.
+
+    Examples
+    --------
+    >>> from omnimirror.optics.mirrors import Paraboloid, Sphere
+    >>> similar_mirror(Paraboloid, Sphere(50.0, 30.0)).vertex_radius_mm  # slope 0.75 at the rim
+    40.0...
+    """
+    from scipy.optimize import least_squares
+
+    rim = target.rim_radius_mm
+    fixed, free = _fixed_and_free(cls, rim)
+    x = np.linspace(0.0, rim, 41)[1:]
+    angles = np.arctan(target.slope(x))
+    weights = np.where(x < rim, 1.0, RIM_WEIGHT)
+    # Ranges span decades, and some contain 0: asinh is linear near 0 and logarithmic beyond.
+    low, high = (
+        np.arcsinh([getattr(cls.PARAMETERS[name], end) / SMALL for name in free])
+        for end in ("low", "high")
+    )
+
+    def mirror(u: Array) -> M:
+        values = np.clip(SMALL * np.sinh(low + u * (high - low)), *_ranges(cls, free))
+        return cls(**fixed, **dict(zip(free, map(float, values), strict=True)))
+
+    def residual(u: Array) -> Array:
+        try:
+            with np.errstate(all="ignore"):
+                deviation = np.arctan(mirror(u).slope(x)) - angles
+        except OmnimirrorError:
+            return weights * INVALID_RAD
+        return weights * np.where(np.isfinite(deviation), deviation, INVALID_RAD)
+
+    count = len(free)
+    starts = np.random.default_rng(0).random((max(1, SAMPLES * count), count))
+    errors = np.array([np.sum(residual(u) ** 2) for u in starts])
+    best = [starts[i] for i in np.argsort(errors)[:REFINED]]
+    if count:
+        best = [
+            least_squares(residual, u, bounds=(0.0, 1.0), xtol=CLOSE, ftol=CLOSE).x for u in best
+        ]
+    result = min(best, key=lambda u: float(np.sum(residual(u) ** 2)))
+    try:
+        return mirror(result)
+    except OmnimirrorError as e:
+        raise InvalidParameter(
+            f"no {cls.KIND} mirror of the rim radius {rim:g} mm is valid: {e}; open a sensor file with one"
+        ) from None
+
+
+def _ranges(cls: type[Mirror], names: list[str]) -> tuple[Array, Array]:
+    parameters = [cls.PARAMETERS[name] for name in names]
+    return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+
+
+def _fixed_and_free(cls: type[Mirror], rim_mm: float) -> tuple[dict[str, Any], list[str]]:
+    """Return the fixed arguments and the names of the scalar parameters without default."""
+    fixed: dict[str, Any] = {"rim_radius_mm": rim_mm}
+    free: list[str] = []
+    hints = get_type_hints(cls)
+    for f in fields(cls):  # type: ignore[arg-type]  # subclasses of Mirror are dataclasses
+        if f.name in fixed or f.default is not MISSING or f.default_factory is not MISSING:
+            continue
+        if get_origin(hints[f.name]) is tuple:
+            raise InvalidParameter(
+                f"a {cls.KIND} mirror requires the list {f.name}; open a sensor file with one"
+            )
+        if choices := cls.PARAMETERS[f.name].choices:
+            fixed[f.name] = choices[0]
+        else:
+            free.append(f.name)
+    return fixed, free

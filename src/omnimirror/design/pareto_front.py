@@ -116,7 +116,7 @@ def evolved(contest: Contest, alive: Generation, generations: int, seed: int) ->
     from pymoo.optimize import minimize
     from pymoo.util.ref_dirs import get_reference_directions
 
-    class Comparison(Problem):  # type: ignore[misc]
+    class Comparison(Problem):  # type: ignore[misc]  # base class of a package without types
         def __init__(self) -> None:
             count = len(contest.merits)
             super().__init__(

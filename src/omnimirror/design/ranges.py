@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import PlainValidator
-from pydantic_core import PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core.core_schema import no_info_plain_validator_function
 
 from ..base.arguments import format_value, numbers
 from ..base.errors import InvalidParameter
@@ -43,18 +44,33 @@ def is_free(value: Range | None) -> bool:
     return isinstance(value, tuple) and value[0] < value[1]
 
 
-def between(low: float, high: float, endless: bool = False) -> PlainValidator:
-    """Return a validator for a number or an increasing pair between low and high.
+@dataclass(frozen=True)
+class Between:
+    """Annotation of entries that are a number or an increasing pair between low and high.
 
     ``endless`` permits inf as the high end.
     """
 
-    def check(value: Any) -> Range:
+    low: float
+    high: float
+    endless: bool = False
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return no_info_plain_validator_function(self._check)
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: Any) -> dict[str, Any]:
+        number = {"type": "number", "minimum": self.low}
+        if not self.endless:
+            number["maximum"] = self.high
+        return {"anyOf": [number, {"type": "array", "items": number, "minItems": 2, "maxItems": 2}]}
+
+    def _check(self, value: Any) -> Range:
+        low, high = self.low, self.high
         try:
             first, last = np.broadcast_to(numbers("a range", value), 2).tolist()
         except ValueError:  # not numeric, or more than two values
             first, last = np.nan, np.nan
-        if endless and last == np.inf:
+        if self.endless and last == np.inf:
             last = high
         if not low <= first <= last <= high:
             raise PydanticCustomError(
@@ -62,5 +78,3 @@ def between(low: float, high: float, endless: bool = False) -> PlainValidator:
                 f"it should be a number from {low:g} to {high:g}, or a range [LOW, HIGH] of them",
             )
         return first if first == last else (first, last)
-
-    return PlainValidator(check)

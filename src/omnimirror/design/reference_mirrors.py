@@ -69,7 +69,7 @@ def _makers(rim: RimRay) -> Iterator[tuple[str, Callable[[], MountedMirror]]]:
         and abs(rim.theta_max_deg - PAPER_THETA) < PAPER_TOLERANCE
     ):
         for name, file in PAPER.items():
-            yield name, lambda file=file: _scaled(load_sensor(file), rim.rim_radius_mm)  # type: ignore[misc]
+            yield name, lambda file=file: _scaled(load_sensor(file), rim.rim_radius_mm)  # type: ignore[misc]  # type of the default is not inferred
     else:
         single = "paraboloid" if rim.theta_max_deg == 0 else "hyperboloid"
         yield "sphere", lambda: FAMILIES["sphere"](rim, None)
@@ -85,7 +85,7 @@ def _scaled(sensor: Sensor, rim_radius_mm: float) -> MountedMirror:
     lengths = {
         n: getattr(mirror, n) * ratio for n, p in mirror.PARAMETERS.items() if p.unit == "mm"
     }
-    return MountedMirror(replace(mirror, **lengths), sensor.mirror_distance_mm * ratio)  # type: ignore[type-var]
+    return MountedMirror(replace(mirror, **lengths), sensor.mirror_distance_mm * ratio)  # type: ignore[type-var]  # all implementations are dataclasses
 
 
 def merit_values(
@@ -98,7 +98,7 @@ def merit_values(
 
     ``focus_by`` is a merit of :func:`omnimirror.best_focus`, or None for the focus of the sensor.
     """
-    sensor.check("comparing with a front", "single mirror")
+    sensor.check("the comparison with a Pareto front", "single mirror")
     rim = sensor.mirror.rim_radius_mm
     minimum = float(
         sensor.meridian.x_from_omega(np.radians(max(problem.omega_min_deg, sensor.field_deg[0])))

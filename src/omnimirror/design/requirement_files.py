@@ -63,6 +63,7 @@ REQUIREMENT_ENTRIES: dict[str, type] = {
     "thermal": dict,
 }
 """Entries and tables of a requirement file with their types."""
+REQUIRED_TABLES = ("field", "mirror")
 
 Angle = Annotated[float, Field(ge=0, le=179)]
 Elevation = Annotated[float, Field(ge=-90, le=90)]
@@ -130,7 +131,10 @@ def load_requirements(
     """
     path = file_name("path", path)
     text = read_text(
-        path, "requirement file", SpecError, f"requirement file {str(path)!r} not found"
+        path,
+        "requirement file",
+        SpecError,
+        f"cannot read the requirement file {path}: the file does not exist",
     )
     return parse_requirements(text, str(path), path.parent, changes, limits)
 
@@ -230,7 +234,7 @@ def requirements_of(
 
 def _check_tables(data: dict[str, Any], where: SourceLocator) -> None:
     check_entries(data, REQUIREMENT_ENTRIES, FORMAT, where)
-    for key in ("field", "mirror"):
+    for key in REQUIRED_TABLES:
         if key not in data:
             raise where.error(
                 (),

@@ -8,7 +8,7 @@ from functools import cache, partial
 from typing import Annotated, Any, ClassVar, Literal, Self, get_type_hints
 
 import numpy as np
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import BeforeValidator, Field, WithJsonSchema, create_model
 
 from ..base.arguments import finite, instance
 from ..base.errors import InvalidParameter
@@ -32,7 +32,7 @@ from .limits import Limit
 from .merits import DESIGN_MERITS
 from .mirror_construction import FAMILIES, check_entries
 from .mirror_fits import FitForm
-from .ranges import Range, between, ends, is_free
+from .ranges import Between, Range, ends, is_free
 
 # -- Consistency checks between the entries and tables of requirements -----------------------------
 #
@@ -328,15 +328,15 @@ def _check_limits(limits: tuple[Limit, ...], field: FieldRequirements) -> None:
 
 MAX_FOCUS = 1e7
 """Representation of a focus at infinity, mm."""
-Radius = Annotated[Range, between(0.1, 1e5)]
-FocalLength = Annotated[Range, between(1e-2, 1e5)]
-Theta = Annotated[Range, between(0.1, 60.0)]
-FNumber = Annotated[Range, between(0.1, 1e3)]
-Focus = Annotated[Range, between(-1e6, MAX_FOCUS, endless=True)]
-Magnification = Annotated[Range, between(1e-5, 1e3)]
+Radius = Annotated[Range, Between(0.1, 1e5)]
+FocalLength = Annotated[Range, Between(1e-2, 1e5)]
+Theta = Annotated[Range, Between(0.1, 60.0)]
+FNumber = Annotated[Range, Between(0.1, 1e3)]
+Focus = Annotated[Range, Between(-1e6, MAX_FOCUS, endless=True)]
+Magnification = Annotated[Range, Between(1e-5, 1e3)]
 Length = Annotated[float, Field(ge=1, le=1e7)]
-Distances = Annotated[Range, between(1.0, np.inf)]
-Conic = Annotated[Range, between(-1e3, 1e3)]
+Distances = Annotated[Range, Between(1.0, np.inf)]
+Conic = Annotated[Range, Between(-1e3, 1e3)]
 
 
 def _row(value: Any) -> Any:
@@ -350,6 +350,7 @@ Most = Annotated[float, Field(gt=0, le=1e9)]
 Names = Annotated[
     tuple[str, ...],
     BeforeValidator(lambda value: (value,) if isinstance(value, str) else _row(value)),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}),
 ]
 Column = Annotated[tuple[float, ...], BeforeValidator(_row)]
 
@@ -380,7 +381,7 @@ class Entries:
 
 
 @cache
-def _model(cls: type[Entries]) -> type[Table]:
+def entries_model(cls: type[Entries]) -> type[Table]:
     """Return the pydantic model that validates the entries of a table."""
     hints = get_type_hints(cls, include_extras=True)
     entries: dict[str, Any] = {
@@ -393,7 +394,7 @@ def _model(cls: type[Entries]) -> type[Table]:
 
 def _checked(cls: type[Entries], table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
     plain = {name: v.item() if isinstance(v, np.generic) else v for name, v in table.items()}
-    return dict(validated(_model(cls), cls.TABLE, plain, where))  # type: ignore[arg-type]  # the cache requires Hashable
+    return dict(validated(entries_model(cls), cls.TABLE, plain, where))  # type: ignore[arg-type]  # the cache requires Hashable
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from ..base.arguments import instance, validate_arguments
 from ..base.escaping import toml_string
 from ..base.parameters import Parameter
+from ..base.project import schema_directive
 from ..optics.image_sensor import ImagerPose
 from ..optics.lenses import LENSES, Lens
 from ..optics.mirrors import MIRRORS, Mirror, Secondary
@@ -43,7 +44,9 @@ def sensor_template(name: str = "sensor") -> str:
     Sphere(radius_mm=50.0, rim_radius_mm=44.0)
     """
     instance("name", name, str, "a name")
-    return f'''# Sensor: a curved mirror and a camera on its axis. Lengths in mm unless the name specifies another unit.
+    directive = schema_directive("sensor")
+    return f'''{directive}# Sensor: a curved mirror and a camera on its axis.
+# Lengths in mm unless the name specifies another unit.
 format = 1
 name = {toml_string(name)}
 notes = """

@@ -299,7 +299,7 @@ class ImageDewarper:
         paths = expand_inputs(sources)
         pairs_of_paths = list(zip(paths, outputs_for(paths, folder), strict=True))
         pairs = [(s, o) for s, o in pairs_of_paths if not (skip_existing and o.exists())]
-        jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]
+        jobs = [Job(str(s), lambda s=s, o=o: self(s, o)) for s, o in pairs]  # type: ignore[misc]  # type of the default is not inferred
         results = run_parallel(jobs, threads, on_progress)
         return DewarpedImages(
             results, len(pairs_of_paths) - len(pairs), self.dropped_metadata, self.oriented

@@ -58,7 +58,7 @@ class Annulus(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Averages:
-    """Number of samples per pixel in each cell of a view; see :mod:`._footprints`."""
+    """Number of samples per pixel in each cell of a view; see :class:`.sampling.Footprints`."""
 
     taps: NDArray[np.uint8]
     """Samples (cell rows, cell columns, 2), across and down, 1 to 128."""

@@ -18,16 +18,17 @@ from ..base.caching import cached_property
 from ..base.native import PackedMap, backend
 from ..base.typing import Array
 from ..cameras.camera import inside_image
-from ._footprints import (
+from .interfaces import Annulus, Averages, Interpolation, Kernel, Map, Pixels, RemapJob
+from .sampling import (
     CELL_PX,
     RULES,
     Footprints,
+    check_pixels,
+    contiguous,
     squared_sides_of_circles,
     squared_sides_of_nodes,
     squared_sides_of_pixels,
 )
-from .interfaces import Annulus, Averages, Interpolation, Kernel, Map, Pixels, RemapJob
-from .sampling import check_pixels, contiguous
 
 # -- Half-resolution planes (4:2:0 chroma) ---------------------------------------------------------
 #

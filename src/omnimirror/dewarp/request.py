@@ -294,7 +294,7 @@ def without_tilt(camera: C) -> C:
         raise InvalidParameter(
             f"the camera must have a mount to keep its tilt; got a {type(camera).__name__} without"
         )
-    upright: C = replace(camera, mount=mount.levelled)  # type: ignore[type-var]
+    upright: C = replace(camera, mount=mount.levelled)  # type: ignore[type-var]  # all implementations are dataclasses
     return upright
 
 

@@ -203,7 +203,7 @@ def dewarp_video(
     )
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
-        raise InvalidParameter("outputs must contain at least one output")
+        raise InvalidParameter("outputs must contain at least one output; got none")
     return dewarp_source(
         str(source), [str(name) for name in names], request, settings or VideoSettings(), callbacks
     )
@@ -404,7 +404,7 @@ class ViewOverTime:
         self.keyframes = None if settings.keyframes is None else Keyframes.load(settings.keyframes)
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
-            known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]
+            known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]  # subclasses are dataclasses
             if unknown := [name for name in self.keyframes.tracks if name not in known]:
                 raise InvalidParameter(
                     f"{settings.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
@@ -424,7 +424,7 @@ class ViewOverTime:
             self.still = self._dewarper(self.view)
         if self.keyframes is None:
             return dewarp_frame(self.still, frame, self.siting, to_siting)
-        view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]
+        view = replace(self.view, **self.keyframes.at(time_s))  # type: ignore[type-var]  # all implementations are dataclasses
         return dewarp_frame(self._dewarper(view), frame, self.siting, to_siting)
 
 

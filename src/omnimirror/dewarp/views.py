@@ -673,13 +673,11 @@ class Preset(NamedTuple):
 
 PRESETS: dict[str, Preset] = {
     "distant": Preset(
-        2.0, False, "flat, at two screen widths: field of 28 deg, as with a telephoto lens"
+        2.0, False, "plane screen at two screen widths: field of 28 deg, as with a telephoto lens"
     ),
-    "wide": Preset(
-        0.5, False, "flat, at half a screen width: field of 90 deg, still in perspective"
-    ),
+    "wide": Preset(0.5, False, "plane screen at half a screen width: field of 90 deg, perspective"),
     "super-wide": Preset(
-        1 / np.pi, True, "bent to a half cylinder around the projector: field of 180 deg"
+        1 / np.pi, True, "half-cylindrical screen around the projector: field of 180 deg"
     ),
 }
 """Distant, wide-angle and super-wide-angle views of the paper: one screen at three positions.

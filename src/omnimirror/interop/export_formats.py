@@ -206,7 +206,7 @@ def _requested_formats(
         if not isinstance(name, str) or name not in known:
             raise InvalidParameter(f"formats must be from {valid}; got {format_value(name)}")
     if not names:
-        raise InvalidParameter(f"formats must contain at least one of {valid}")
+        raise InvalidParameter(f"formats must contain at least one of {valid}; got none")
     return names
 
 
@@ -222,7 +222,7 @@ def _targets(
         if is_stream(path):
             raise InvalidParameter(
                 f"{kind} consists of {len(endings)} files and cannot be written to the stream "
-                f"{path}; give a file or a folder"
+                f"{path}; specify a file or a folder"
             )
         return {kind: tuple(path.with_name(path.stem + ending) for ending in endings)}
     if names is None:
@@ -244,11 +244,11 @@ def _format_of_file(known: ExportFormats[T], path: Path, names: list[str] | None
         if not names:
             valid = ", ".join(dict.fromkeys(f.suffix for f in known.values()))
             raise InvalidParameter(
-                f"the suffix of {path.name} must be one of {valid}; alternatively give a folder and --format"
+                f"the suffix of {path.name} must be one of {valid}; alternatively specify a folder and --format"
             )
     if len(names) > 1:
         raise InvalidParameter(
-            f"{path.name} is a single file and cannot hold {', '.join(names)}; give a folder"
+            f"{path.name} is a single file and cannot contain {', '.join(names)}; specify a folder"
         )
     if known[names[0]].suffix != suffix:
         raise InvalidParameter(

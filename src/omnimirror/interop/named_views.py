@@ -7,7 +7,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
+
+from pydantic import create_model
 
 from ..base.arguments import check_fields, file_name
 from ..base.errors import InvalidParameter, SpecError
@@ -15,7 +17,7 @@ from ..base.files import read_tables
 from ..cameras.camera import Camera
 from ..dewarp import views
 from ..dewarp.screens import View
-from ..optics.toml_validation import did_you_mean, merge_tables
+from ..optics.toml_validation import Table, did_you_mean, merge_tables
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 """Names that are valid in ROS topics, TF frames and URLs."""
@@ -70,12 +72,15 @@ class NamedView:
             raise InvalidParameter(
                 f"a steerable view must be {STEERABLE_KIND}; {self.name!r} is a {self.kind} view"
             )
-        valid = _option_names(self.kind)
+        valid = _options(self.kind)
         if unknown := next((name for name in self.options if name not in valid), None):
             raise InvalidParameter(
                 f"options of a {self.kind} view must be from {', '.join(valid)}; got {unknown!r}"
                 f"{did_you_mean(unknown, valid)}"
             )
+        required = [name for name, p in valid.items() if _is_required(p)]
+        if missing := [name for name in required if name not in self.options]:
+            raise InvalidParameter(f"a {self.kind} view requires {' and '.join(missing)}")
 
     def __call__(self, camera: Camera) -> View:
         """Construct the view for a camera.
@@ -176,7 +181,33 @@ def _view_in_file(name: str, table: dict[str, Any], source: str) -> NamedView:
         raise SpecError(f"{source}, [{name}]: {e}") from None
 
 
-def _option_names(kind: str) -> list[str]:
+def _options(kind: str) -> dict[str, inspect.Parameter]:
     """Return the parameters of a view function except the camera."""
-    function = views.perspective if kind == "perspective" else views.VIEWS[kind]
-    return [name for name in inspect.signature(function).parameters if name != "camera"]
+    parameters = inspect.signature(_function_of(kind)).parameters
+    return {name: p for name, p in parameters.items() if name != "camera"}
+
+
+def _is_required(p: inspect.Parameter) -> bool:
+    return p.default is p.empty and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
+
+
+def _function_of(kind: str) -> views.ViewMaker:
+    return views.perspective if kind == "perspective" else views.VIEWS[kind]
+
+
+def options_model(kind: str) -> type[Table]:
+    """Create the pydantic model of the options of a kind of view, from the signature of its function.
+
+    Options without type hints, of registered functions, accept all values.
+    """
+    try:
+        hints = get_type_hints(_function_of(kind))
+    except (NameError, TypeError):
+        hints = {}
+    entries: dict[str, Any] = {
+        name: (hints.get(name, Any), ... if p.default is p.empty else p.default)
+        for name, p in _options(kind).items()
+        if p.kind is not p.VAR_KEYWORD
+    }
+    model: type[Table] = create_model(kind, __base__=Table, **entries)
+    return model

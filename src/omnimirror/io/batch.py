@@ -109,7 +109,7 @@ def output_for(source: str | Path, folder: str | Path, suffix: str | None = None
     output = Path(folder) / (source.name if suffix is None else source.stem + suffix)
     if is_same_file(output, source):
         raise MediaError(
-            f"output must differ from the input; got {output} for both; give another folder"
+            f"output must differ from the input; got {output} for both; specify another folder"
         )
     return output
 

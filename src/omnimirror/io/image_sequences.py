@@ -112,7 +112,7 @@ def standard_input() -> Iterator[Path]:
                 size += len(piece)
                 if size > MAX_INPUT_BYTES:
                     raise MediaError(
-                        f"standard input must have at most {MAX_INPUT_BYTES >> 30} GB; give a file name instead"
+                        f"standard input must have at most {MAX_INPUT_BYTES >> 30} GB; specify a file name instead"
                     )
                 file.write(piece)
         if not size:

@@ -407,4 +407,4 @@ def _copy_packet(packet: Packet[AudioStream]) -> Packet[AudioStream]:
     copy.stream = packet.stream
     copy.pts, copy.dts, copy.duration = packet.pts, packet.dts, packet.duration
     copy.time_base, copy.is_keyframe = packet.time_base, packet.is_keyframe
-    return copy  # type: ignore[no-any-return]
+    return copy  # type: ignore[no-any-return]  # the type depends on the argument

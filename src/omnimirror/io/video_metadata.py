@@ -25,6 +25,8 @@ SUBTITLE_CODECS = {
     "webm": ("webvtt",),
 }
 """Text subtitle codecs by container format; others are converted to the first."""
+NO_TEXT = b"\0\0"
+"""Length field of a sample of 3GPP timed text without text."""
 CHAPTER_FORMATS = tuple(SUBTITLE_CODECS)
 TRACK_METADATA = {"title": "title", "name": "title", "comment": "comment"}
 """Metadata of a track that are kept, and their names in the output (MP4 calls the title a name)."""
@@ -325,6 +327,8 @@ class SubtitleTrack:
     def packet(self, packet: Packet[Any]) -> Packet[Any] | None:
         """Return a packet of the source in the output form; None if it has no text."""
         if self._is_same:
+            if _codec(self._source) == "mov_text" and bytes(packet)[:2] == NO_TEXT:
+                return None  # a pause; the muxer inserts its own, and another delays what follows
             packet.stream = self._stream
             return packet
         decoded = self._source.codec_context.decode2(packet)

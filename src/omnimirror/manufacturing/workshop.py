@@ -276,7 +276,12 @@ def load_workshop(path: str | Path) -> Workshop:
     8.5
     """
     path = file_name("path", path)
-    text = read_text(path, "workshop file", SpecError, f"there is no workshop file {str(path)!r}")
+    text = read_text(
+        path,
+        "workshop file",
+        SpecError,
+        f"cannot read the workshop file {path}: the file does not exist",
+    )
     return parse_workshop(text, str(path))
 
 
@@ -301,8 +306,8 @@ def _built(section: str, kind: type[T], table: dict[str, Any], where: SourceLoca
             hint = did_you_mean(name, names)
             raise where.error(
                 (section, name),
-                f"unknown entry {section}.{name}{hint}; valid are {', '.join(names)}",
+                f"unknown entry {section}.{name}{hint}; use {', '.join(names)}",
             )
         # validate single entries, so that errors refer to their line
-        where.wrap((section, name), lambda name=name: kind(**{name: table[name]}))  # type: ignore[misc]
+        where.wrap((section, name), lambda name=name: kind(**{name: table[name]}))  # type: ignore[misc]  # type of the default is not inferred
     return kind(**table)

@@ -159,7 +159,7 @@ class ClearWall(HousingPart):
     @property
     def radii_mm(self) -> tuple[float, float]:
         """Inner and outer radius of a cover of known size."""
-        assert self.diameter_mm is not None, "a wall that is not fitted yet"
+        assert self.diameter_mm is not None, "the cover must be fitted to a sensor first"
         outer = self.diameter_mm / 2
         return outer - self.wall_mm, outer
 
@@ -330,7 +330,7 @@ class Dome(ClearWall):
     @property
     def centres_mm(self) -> tuple[float, float]:
         """Heights of the centres of the inner and the outer sphere."""
-        assert self.centre_mm is not None, "a dome that is not fitted yet"
+        assert self.centre_mm is not None, "the dome must be fitted to a sensor first"
         return self.centre_mm + self.inner_shift_mm, self.centre_mm
 
     def inner_radius_mm(self, height_mm: float) -> float:
@@ -425,7 +425,7 @@ class FlatWindow(ClearWall):
     @property
     def heights_mm(self) -> tuple[float, float]:
         """Heights of the inner and the outer surface of a window of known position."""
-        assert self.height_mm is not None, "a window that is not fitted yet"
+        assert self.height_mm is not None, "the window must be fitted to a sensor first"
         return self.height_mm, self.height_mm - self.wall_mm
 
     def fitted(self, envelope: Envelope) -> FlatWindow:

@@ -88,6 +88,7 @@ SENSOR_ENTRIES: dict[str, type] = {
     "thermal": dict,
 }
 """Entries and tables of a sensor file with their types."""
+REQUIRED_TABLES = ("mirror", "lens", "imager")
 T = TypeVar("T")
 
 
@@ -333,7 +334,7 @@ def _table(part: Any) -> dict[str, Any]:
 
 def _check_table_names(data: dict[str, Any], where: SourceLocator) -> None:
     check_entries(data, SENSOR_ENTRIES, SENSOR_FILE_FORMAT, where)
-    for key in ("mirror", "lens", "imager"):
+    for key in REQUIRED_TABLES:
         if key not in data:
             raise where.error(
                 (),
@@ -383,10 +384,14 @@ def _class_and_table(
 def _secondary(data: dict[str, Any], folder: Path | None, where: SourceLocator) -> Secondary:
     """Create the second mirror: its table has the entries of its kind and of its position."""
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
-    model = create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
-    values = _values(model, "secondary", table, where)
+    values = _values(secondary_model(cls), "secondary", table, where)
     position = {name: values.pop(name) for name in Secondary.PARAMETERS}
     return where.wrap(("secondary",), lambda: Secondary(cls(**values), **position))
+
+
+def secondary_model(cls: type[Mirror]) -> type[Table]:
+    """Create the pydantic model of the table [secondary] of a kind of mirror."""
+    return create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
 
 
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: SourceLocator) -> Any:
@@ -493,6 +498,13 @@ def _values(
 AnyCamera: TypeAlias = Sensor | CalibratedCamera
 
 CAMERA_FILE_FORMAT = 1
+CAMERA_ENTRIES: dict[str, type] = {
+    "format": int,
+    "camera": dict,
+    "mount": dict,
+    "uncertainty": dict,
+}
+"""Entries and tables of a camera file with their types."""
 CALIBRATION_MARK = '"held_out_rms_px":'  # in its JSON
 OCAM_ENTRIES = ("optics", "rim_radius_px")  # not in its file
 SEPARATE_TABLES = ("mount", "uncertainty")  # fields of a model with separate tables
@@ -627,15 +639,10 @@ def is_ocam_text(text: str) -> bool:
 
 def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
     """Create a camera model from the tables of a camera file; ``where`` locates errors."""
-    check_entries(
-        data,
-        {"format": int, "camera": dict, "mount": dict, "uncertainty": dict},
-        CAMERA_FILE_FORMAT,
-        where,
-    )
+    check_entries(data, CAMERA_ENTRIES, CAMERA_FILE_FORMAT, where)
     cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
     table = {k: v for k, v in data["camera"].items() if k != "kind"}
-    values = _tuples(validated(_table_of(cls), "camera", table, where).model_dump())
+    values = _tuples(validated(camera_model(cls), "camera", table, where).model_dump())
     mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
     try:
         camera = cls(**values, mount=mount)
@@ -738,7 +745,7 @@ def save_camera(camera: Sensor | RadialModel, path: str | Path, notes: str = "")
 
 
 @cache
-def _table_of(cls: type[RadialModel]) -> type[Table]:
+def camera_model(cls: type[RadialModel]) -> type[Table]:
     """Create the pydantic model of the table [camera] of a kind from its fields."""
     hints = typing.get_type_hints(cls)
     entries: dict[str, Any] = {}
@@ -762,8 +769,8 @@ def _annotation(hint: Any) -> Any:
     if typing.get_origin(hint) is not tuple:
         return hint
     if args[1:] == (...,):
-        return list[args[0]]  # type: ignore[valid-type]
-    return Annotated[list[args[0]], Field(min_length=len(args), max_length=len(args))]  # type: ignore[valid-type]
+        return list[args[0]]  # type: ignore[valid-type]  # type computed at run time
+    return Annotated[list[args[0]], Field(min_length=len(args), max_length=len(args))]  # type: ignore[valid-type]  # type computed at run time
 
 
 def _tuples(value: Any) -> Any:

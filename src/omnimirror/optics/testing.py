@@ -147,7 +147,7 @@ def check_serialisation(mirror: Mirror) -> None:
 
 def check_parameter_descriptions(mirror: Mirror) -> None:
     """Check that ``PARAMETERS`` describes unit and range of each field, in their order."""
-    names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]
+    names = [f.name for f in fields(mirror)]  # type: ignore[arg-type]  # subclasses are dataclasses
     assert list(mirror.PARAMETERS) == names, (
         f"PARAMETERS must describe the fields {names}; got {list(mirror.PARAMETERS)}"
     )
@@ -180,7 +180,7 @@ def check_parameter_ranges(mirror: Mirror) -> None:
 def _refusal(mirror: Mirror, **change: object) -> str | None:
     """Return the error message of a changed mirror; None without an error."""
     try:
-        replace(mirror, **change)  # type: ignore[type-var]
+        replace(mirror, **change)  # type: ignore[type-var]  # all implementations are dataclasses
     except OmnimirrorError as e:
         return str(e)
     return None

@@ -72,7 +72,7 @@ def _annotation(hint: Any, p: Parameter) -> Any:
     if isinstance(hint, types.UnionType):
         return _annotation(args[0], p) | None
     if typing.get_origin(hint) is tuple:
-        return list[_annotation(args[0], p)]  # type: ignore[misc]
+        return list[_annotation(args[0], p)]  # type: ignore[misc]  # type computed at run time
     if hint is str:
         return typing.Literal[p.choices]
     return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]

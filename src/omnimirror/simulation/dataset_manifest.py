@@ -336,7 +336,7 @@ def _record_in(path: str | Path) -> dict[str, Any]:
         raise MediaError(
             f"{path} must have the format {format_of(kind)!r}; got {stored!r}; write the dataset again"
         )
-    return record  # type: ignore[no-any-return]
+    return record  # type: ignore[no-any-return]  # the type depends on the argument
 
 
 def _path_record(path: Keyframes) -> dict[str, Any]:

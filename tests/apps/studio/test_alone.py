@@ -69,7 +69,7 @@ def test_page_without_server_requests_camera_type_and_hides_server_functions(
     drop(page, tmp_path / "mine.png")
     page.get_by_role("button", name="A mirror dome").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:260'")
-    assert page.get_by_text("is a guess: fit the circle").is_visible()
+    assert page.get_by_text("is assumed: fit the circle").is_visible()
     page.get_by_role("button", name="Fit circle").click()
     page.get_by_label("Radius").fill("120")
     page.get_by_label("Radius").press("Enter")

@@ -17,12 +17,14 @@ from starlette.testclient import TestClient
 
 import omnimirror as om
 from omnimirror.apps import reports as report
+from omnimirror.apps.studio._bench_sensors import spline_like
 from omnimirror.apps.studio.app import create_app
 from omnimirror.design.requirement_files import parse_requirements
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors import MIRRORS
 from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, parse_sensor, tables_of
+from tests.test_extensions import Quartic
 
 LOCAL = "http://127.0.0.1"
 WANTED = {
@@ -183,8 +185,29 @@ def test_requirements_are_evaluated_at_worst_angle_and_distance(client):
 # -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", list(MIRRORS))
-def test_changing_mirror_type_keeps_rim(kind, client):
+@pytest.fixture
+def quartic():
+    om.register_mirror(Quartic)
+    yield
+    MIRRORS.withdraw(Quartic.KIND)
+
+
+def changed_values(parameter: dict, value):
+    """Return valid values next to a value of a parameter."""
+    if parameter["choices"]:
+        return [word for word in parameter["choices"] if word != value]
+    if parameter["is_list"]:
+        return [
+            [*value[:-2], number, value[-1]]
+            for number in changed_values({"is_list": False, "choices": ()}, value[-2])
+        ]
+    return [value * 1.0001 if value else 1e-4, value * 0.9999]
+
+
+@pytest.mark.parametrize("kind", [*MIRRORS, Quartic.KIND])
+def test_mirror_type_is_never_substituted(kind, client, quartic):
+    """The requested type has the rim of the previous mirror and persists when a parameter is
+    changed and the design is evaluated."""
     sensor = om.load_sensor("paper-spherical")
     made = post(
         client, "change", tables=tables_of(sensor), what="mirror", to=kind, object_distance_mm=None
@@ -197,6 +220,61 @@ def test_changing_mirror_type_keeps_rim(kind, client):
     assert np.degrees(new.meridian.theta_max) == pytest.approx(
         np.degrees(sensor.meridian.theta_max), abs=0.02
     )
+    parts = {part["kind"]: part for part in client.get("/api/bench").json()["mirrors"]}
+    valid = set()
+    for parameter in parts[kind]["parameters"]:
+        name = parameter["name"]
+        if (value := made["tables"]["mirror"].get(name)) is None:
+            continue
+        for other in changed_values(parameter, value):
+            tables = {**made["tables"], "mirror": {**made["tables"]["mirror"], name: other}}
+            (header, blocks), *_ = ask(
+                client, question(sensor, tables=tables, follows=made["follows"])
+            )
+            if header["trouble"] is not None:  # a range that depends on other parameters
+                assert header["trouble"]["path"][:1] == ["mirror"], (name, header["trouble"])
+                continue
+            assert np.isfinite(blocks["curves"]["h_px"]).all()
+            text = post(client, "file", tables=tables, kind="sensor", object_distance_mm=None).text
+            mirror = tomllib.loads(text)["mirror"]
+            assert mirror["kind"] == kind
+            assert mirror[name] == pytest.approx(other) if name in mirror else other == value
+            valid.add(name)
+    assert valid, "no parameter can be changed"
+
+
+def offered(client) -> list[str]:
+    return [part["kind"] for part in client.get("/api/bench").json()["mirrors"]]
+
+
+def test_mirror_registered_later_is_offered(client, request):
+    assert Quartic.KIND not in offered(client)
+    request.getfixturevalue("quartic")
+    assert Quartic.KIND in offered(client)
+
+
+def test_design_and_requirement_file_do_not_choose_a_mirror_type(client):
+    """Without a mirror in the requirements, the file contains that of the bench, and a search
+    is rejected."""
+    wanted = {"field": WANTED["field"]}
+    for name, mirror in {
+        "paper-spherical": {"family": "sphere"},
+        "paper-hyperboloidal": {"family": "hyperboloid"},
+        "exact-equidistant": {"mapping": "equidistant"},
+        "paper-equidistant": {"family": "polynomial:3"},
+    }.items():
+        sensor = om.load_sensor(name)
+        text = post(client, "requirements", requirements=wanted, tables=tables_of(sensor)).text
+        radius = {"rim_radius_mm": sensor.mirror.rim_radius_mm}
+        assert tomllib.loads(text)["mirror"] == mirror | radius
+    spline = replace(sensor, mirror=spline_like(sensor))
+    refused = post(client, "requirements", requirements=wanted, tables=tables_of(spline))
+    assert "got a slope-spline mirror" in refused.json()["detail"]
+    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+        socket.send_json(task(what="design", requirements=wanted))
+        last = socket.receive_json()
+    assert (last["state"], last["sensor"]) == ("failed", None)
+    assert "must specify a mapping or a family" in last["sentence"]
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric", "exact-equidistant"])

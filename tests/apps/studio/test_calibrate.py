@@ -202,7 +202,7 @@ def test_joint_analysis_of_images(seen):
     )
     assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in seen)
     assert answer.not_new == "its view of the board is similar to 2.png"
-    assert answer.advice[0].startswith("Take more images: 6 are used")
+    assert answer.advice[0].startswith("Capture more images: 6 are used")
     few = together(ask.model_copy(update={"pictures": tuple(seen[:2])}))
     assert few.not_new is None
     empty = np.sum(np.array(few.coverage.counts) < few.coverage.enough)

@@ -385,18 +385,18 @@ def test_json_is_parsed_as_by_python(text):
         (b"", "the body must be JSON: Expecting value at character 0"),
         (nested(MAX_NESTING + 1), f"the body must have at most {MAX_NESTING} nested levels"),
         (nested(200_000), f"the body must have at most {MAX_NESTING} nested levels"),
-        ("9" * 5000, "the body must hold integers of at most 64 bits"),
-        (f'{{"a": [{2**63}]}}', f"the body must hold integers of at most 64 bits; got {2**63}"),
+        ("9" * 5000, "integers in the body must have at most 64 bits"),
+        (f'{{"a": [{2**63}]}}', f"integers in the body must have at most 64 bits; got {2**63}"),
         (
             f"[[{-(2**63) - 1}]]",
-            f"the body must hold integers of at most 64 bits; got {-(2**63) - 1}",
+            f"integers in the body must have at most 64 bits; got {-(2**63) - 1}",
         ),
-        ("[1e999]", "the body must hold finite numbers; got inf"),
-        ('{"a": {"b": -Infinity}}', "the body must hold finite numbers; got -inf"),
-        ('["\\ud800"]', "the body must hold whole characters; got the surrogate in '\\ud800'"),
-        ('{"\\ud800": 1}', "the body must hold whole characters; got the surrogate in '\\ud800'"),
-        ('{"a": 1, "b": 2, "b": 3}', "the body must hold every name once; got 'b' again"),
-        ('{"a": 1, "a": 1}', "the body must hold every name once; got 'a' again"),
+        ("[1e999]", "numbers in the body must be finite; got inf"),
+        ('{"a": {"b": -Infinity}}', "numbers in the body must be finite; got -inf"),
+        ('["\\ud800"]', "text in the body must be valid Unicode; got a surrogate in '\\ud800'"),
+        ('{"\\ud800": 1}', "text in the body must be valid Unicode; got a surrogate in '\\ud800'"),
+        ('{"a": 1, "b": 2, "b": 3}', "names in the body must be unique; got 'b' twice"),
+        ('{"a": 1, "a": 1}', "names in the body must be unique; got 'a' twice"),
     ],
 )
 def test_invalid_json_is_rejected_with_reason(body, sentence):
@@ -464,7 +464,9 @@ def test_socket_message_is_text_or_disconnect():
         )
     )
     assert received == ApiError(path=(), sentence="no")
-    with pytest.raises(request_bodies.InvalidMessage, match="must be JSON text; got a binary one"):
+    with pytest.raises(
+        request_bodies.InvalidMessage, match="must be JSON text; got a binary message"
+    ):
         in_a_loop(
             request_bodies.receive_message(
                 Socket({"type": "websocket.receive", "bytes": b"{}"}), ApiError

@@ -164,7 +164,7 @@ def test_circle_is_detected_with_one_click(browser, server, tmp_path):
     drop(page, tmp_path / "off.png")
     page.get_by_text("The mirror was detected").wait_for()
     look(page, rim=None)
-    page.get_by_text("is a guess: fit the circle").wait_for()
+    page.get_by_text("is assumed: fit the circle").wait_for()
     page.get_by_role("button", name="Detect circle").click()
     page.get_by_text("Circle detected; confidence 9").wait_for()
     assert state(page)["rim"] == [
@@ -172,7 +172,7 @@ def test_circle_is_detected_with_one_click(browser, server, tmp_path):
         pytest.approx(215, abs=0.5),
         pytest.approx(180, abs=0.5),
     ]
-    page.get_by_text("is a guess").wait_for(state="detached")
+    page.get_by_text("is assumed").wait_for(state="detached")
     page.context.close()
 
 
@@ -181,7 +181,7 @@ def test_circle_is_fitted_by_keyboard(browser, server, tmp_path):
     write_image(tmp_path / "other.png", pattern((500, 400)))
     page = open_page(browser, server, 1000, 900)
     drop(page, tmp_path / "other.png")
-    page.get_by_text("is a guess: fit the circle").wait_for()
+    page.get_by_text("is assumed: fit the circle").wait_for()
     small = page.locator("#overlay").bounding_box()["width"]
     page.get_by_role("button", name="Fit circle").click()
     page.wait_for_selector("#overlay .handle")
@@ -193,7 +193,7 @@ def test_circle_is_fitted_by_keyboard(browser, server, tmp_path):
     page.get_by_role("slider", name="Edge of the circle").press("ArrowLeft")
     page.wait_for_function("window.omnimirror.store.state.rim?.join() === '250.5,189.5,191'")
     page.wait_for_selector("#overlay [aria-valuetext='191.0 px']")
-    page.get_by_text("is a guess").wait_for(state="detached")
+    page.get_by_text("is assumed").wait_for(state="detached")
     page.get_by_role("button", name="Fit circle").click()
     assert page.locator("#overlay").bounding_box()["width"] == pytest.approx(small)
     page.context.close()

@@ -477,6 +477,6 @@ def test_recommendations_without_poses_use_corners():
     seen = coverage([Observation("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
     assert seen.counts.sum() == 77
     said = recommendations(seen, 1)
-    assert said[0].startswith("Take more images: 1 is used")
+    assert said[0].startswith("Capture more images: 1 is used")
     assert any("lower left, left, upper left" in sentence for sentence in said[1:])
     assert not any("Tilt" in sentence for sentence in said)

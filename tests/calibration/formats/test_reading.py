@@ -477,7 +477,7 @@ def test_a_kalibr_file_without_resolution_takes_the_given_size(tmp_path, prefix)
     text = prefix + ("\n  " if prefix else "\n").join(lines) + "\n"
     found, camera, _ = read(tmp_path / "a.yaml", text, size=(1280, 960))
     assert (found, camera.image_size) == ("kalibr", (1280, 960))
-    with pytest.raises(SpecError, match="--image-size"):
+    with pytest.raises(SpecError, match=r"--set camera\.image_size"):
         read(tmp_path / "a.yaml")
 
 
@@ -592,6 +592,13 @@ def test_contradictions_are_reported_with_their_magnitude(tmp_path, wrong, magni
     assert note in made.notes
     with pytest.warns(OmnimirrorWarning, match=magnitude):
         om.load_camera(tmp_path / "a.txt")
+
+
+def test_a_rejected_conversion_reports_contradictions(tmp_path):
+    """The contradiction may be the cause of the large error."""
+    (tmp_path / "a.txt").write_text(calib_results(centre="515.32 382.29"))
+    with pytest.raises(OmnimirrorError, match=r"--tolerance-px .*; the centre .* with swapped"):
+        om.convert(tmp_path / "a.txt", tmp_path / "b.yaml", to="kalibr")
 
 
 def test_a_read_only_format_is_rejected_as_target(tmp_path):

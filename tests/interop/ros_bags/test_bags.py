@@ -555,5 +555,5 @@ def test_options_for_other_sources_raise(ride, tmp_path):
         "dewarp", "a.png", "--sensor", "paper-spherical", "-o", "b.png", "--set", "bag.topic=/a"
     )
     assert fails("dewarp", "nowhere.mcap", *words[2:]).endswith(
-        "cannot read nowhere.mcap: no such file or folder"
+        "cannot read nowhere.mcap: the file or folder does not exist"
     )

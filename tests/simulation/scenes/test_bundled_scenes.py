@@ -202,7 +202,7 @@ def test_invalid_mesh_raises(tmp_path):
     (tmp_path / "bad.glb").write_bytes(b"glTF and nothing else")
     with pytest.raises(MediaError, match="cannot read the mesh"):
         load_mesh(tmp_path / "bad.glb")
-    with pytest.raises(MediaError, match="cannot find the mesh"):
+    with pytest.raises(MediaError, match="cannot read the mesh"):
         load_mesh(tmp_path / "none.obj")
     with pytest.raises(InvalidParameter, match=r"up must be one of .*; got 'x'"):
         load_mesh(tmp_path / "bad.glb", up="x")

@@ -25,7 +25,7 @@ const TERMS: [term: string, meaning: string][] = [
   ],
   [
     "Starts",
-    "number of initial values of the search; more starts take longer and find the global optimum more reliably",
+    "number of starting points of the search; more starts take longer and find the global optimum more reliably",
   ],
   [
     "Handles on curves",

@@ -251,11 +251,11 @@ export class Look {
       .join("\n");
   }
 
-  /** Display image name and size, and a warning if the position of the circle is a guess. */
+  /** Display image name and size, and a warning if the position of the circle is assumed. */
   private showDoubt(camera: Camera, feed: Feed): void {
     const isGuess = camera.isMoved && !this.store.state.rim;
     const doubt = isGuess
-      ? ". The position of the mirror is a guess: fit the circle, or select the sensor of this image"
+      ? ". The position of the mirror is assumed: fit the circle, or select the sensor of this image"
       : "";
     put(
       "picture-words",

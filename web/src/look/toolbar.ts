@@ -92,9 +92,9 @@ export class Toolbar {
       .filter(Boolean)
       .join(" and ");
     const rest = missing
-      ? `. It contains the view, not ${missing}; other browsers request the file`
+      ? `. The link does not contain ${missing}; other browsers prompt for the file`
       : source.startsWith("webcam:")
-        ? ". It opens the webcam of the recipient"
+        ? ". The link opens the webcam of the recipient"
         : "";
     await copy(location.href, "Link", rest);
   }

@@ -22,11 +22,11 @@ const WORDS: readonly (readonly [term: string, meaning: string, place: string])[
     "zenith or nadir in the centre, stereographic projection: shapes are preserved and the periphery is enlarged",
     '#modes label:has([value="planet"])',
   ],
-  ["Ground plan", "the floor seen from above, to scale", '#modes label:has([value="ground"])'],
+  ["Ground plan", "plan view of the floor, to scale", '#modes label:has([value="ground"])'],
   ["Mosaic", "a panorama and four perspective views", '#modes label:has([value="mosaic"])'],
   [
     "Pan, tilt",
-    "direction of the view: to the right, and up",
+    "direction of the view: pan is positive to the right, tilt upwards",
     "#sliders label:has(#pan), #sliders label:has(#tilt)",
   ],
   ["Field of view", "horizontal angle of the view", "#sliders label:has(#hfov)"],

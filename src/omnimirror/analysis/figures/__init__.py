@@ -108,7 +108,7 @@ FIGURES: dict[str, FigureSpec] = {
             "fig11",
             "Blur in object space",
             "Squares of 15° × 15° in object space with their blur spots (vertical: tangential, horizontal: "
-            "sagittal) and the square that a pixel sees on average, all enlarged ten times against the squares; "
+            "sagittal) and a square with the mean solid angle of a pixel, all enlarged ten times against the squares; "
             "spots larger than their square are cut. Below each square: tangential × sagittal blur in degrees.",
             image_plane.blur_in_object_space,
         ),

@@ -16,7 +16,7 @@ from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.mirrors import Sphere
 from ...optics.sensor import Sensor
 from ...optics.tracing.meridian import Meridian
-from ..viewpoints import best_viewpoint
+from ..meridional_imaging import best_viewpoint
 from .style import (
     COLUMN,
     GREY,
@@ -110,7 +110,7 @@ def _line(
     """Draw a column of the subject's table as a line with the gid "name:column"."""
     y = getattr(subject.curve, column) if values is None else values
     style = {"color": subject.colour, **style}
-    (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **style)  # type: ignore[arg-type]
+    (line,) = ax.plot(subject.curve.omega_deg, y, gid=f"{subject.name}:{column}", **style)  # type: ignore[arg-type]  # types of the keywords depend on their names
     return line
 
 

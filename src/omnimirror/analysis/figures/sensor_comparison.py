@@ -248,7 +248,7 @@ def front(
         size=LABEL_SIZE,
         color=INK,
     )
-    ax.set_title("better: down and to the left", size=LABEL_SIZE, weight="normal", color=GREY)
+    ax.set_title("better: lower left", size=LABEL_SIZE, weight="normal", color=GREY)
     for i, (colour, point) in enumerate(zip(colours, sensor_points, strict=True)):
         ring_style = {} if i < len(marks) else {"markerfacecolor": "none", "markersize": 8.0}
         ax.plot(

@@ -235,8 +235,8 @@ def _draw_close_up(ax: Axes, subject: Subject, labels: EndLabels) -> None:
     beyond = []
     for name, (x, z), look in _virtual_images(subject):
         label = f"{name[0]}$_{{{name[1:]}}}$"
-        (line,) = ax.plot(x, z, color=subject.colour, gid=f"{subject.name}:{name}", **look)  # type: ignore[arg-type]
-        ax.plot(-x, z, color=subject.colour, **look)  # type: ignore[arg-type]
+        (line,) = ax.plot(x, z, color=subject.colour, gid=f"{subject.name}:{name}", **look)  # type: ignore[arg-type]  # types of the keywords depend on their names
+        ax.plot(-x, z, color=subject.colour, **look)  # type: ignore[arg-type]  # types of the keywords depend on their names
         if displayed_points(ax, line).any():
             labels.of_line(ax, line, label)
         else:

@@ -16,16 +16,17 @@ import click
 from ... import __version__
 from ...base.errors import InvalidParameter, OmnimirrorError, explain_import_error, one_line
 from ._process_state import (
+    QUIET,
     Terminated,
     discard_output,
     interrupted_exit_code,
     process_state,
-    set_quiet,
 )
 
 COMMANDS = {
     "sensors": "List the bundled sensors.",
     "init": "Write a commented sensor file as a template.",
+    "schema": "Write the JSON Schema of sensor files and other TOML files.",
     "design": "Design a sensor from requirements; report margins and relaxations.",
     "check": "Check a sensor against requirements and report the margins.",
     "mappings": "List the mappings that a mirror can be designed for.",
@@ -99,6 +100,11 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
+def _set_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """Apply ``--quiet``: omit tables, text and progress bars; keep files, warnings and errors."""
+    ctx.meta[QUIET] = value
+
+
 @click.group(
     cls=LazyGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
@@ -108,7 +114,7 @@ class LazyGroup(click.Group):
     "--quiet",
     is_flag=True,
     expose_value=False,
-    callback=set_quiet,
+    callback=_set_quiet,
     is_eager=True,
     help="Print warnings and errors only. This and the next two options apply to all commands.",
 )

@@ -12,8 +12,7 @@ from ...analysis.focus import best_focus
 from ...analysis.psf_mtf import KINDS, Kind
 from ...base.typing import Array
 from ...optics.sensor import Sensor
-from ._declarations import Options, option, setting
-from ._option_types import angle, distance, focus, values
+from ._declarations import Options, angle, distance, focus, option, setting, values
 
 
 @dataclass(frozen=True)

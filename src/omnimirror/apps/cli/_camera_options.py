@@ -20,8 +20,17 @@ from ...cameras.models import MirrorBall
 from ...cameras.models.camera_model import Optics
 from ...io.exif import UPRIGHT, applied
 from ...io.images import orientation_of, read_image_and_metadata
-from ._declarations import Options, flag, format_setting, option, setting
-from ._option_types import SENSOR, angle, ball, pitch_roll
+from ._declarations import (
+    SENSOR,
+    Options,
+    angle,
+    ball,
+    flag,
+    format_setting,
+    option,
+    pitch_roll,
+    setting,
+)
 from ._output import print_remark
 
 if TYPE_CHECKING:
@@ -94,7 +103,8 @@ class CameraOptions(Options):
     camera_looks: CameraLooks | None = option(
         type=click.Choice(["up", "down", "forward"]),
         metavar="DIRECTION",
-        help="Optical axis: up, down or forward.  [default: as in the file]",
+        help="Optical axis: up, down or forward.  [default: as in the file; up for --ball; "
+        "forward for --mirror ball and convex]",
     )
     optics: Optics | None = setting("camera")
     rim_radius_px: float | None = setting("camera")

@@ -28,8 +28,7 @@ from ...optics.lenses import BlurMode
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
 from ...optics.toml_validation import SourceLocator, merge_tables
-from ._declarations import Options, option, setting
-from ._option_types import NUMBER, number_or_range
+from ._declarations import NUMBER, Options, number_or_range, option, setting
 
 SECTIONS: dict[str, tuple[str, ...]] = {
     "field": ("omega_max_deg",),

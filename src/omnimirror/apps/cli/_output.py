@@ -29,7 +29,7 @@ from ...base.escaping import terminal_text
 from ...base.files import is_same_file, is_standard_output
 from ...base.quantities import QUANTITIES
 from ...io.progress import FrameProgress
-from ._process_state import is_quiet
+from ._process_state import QUIET
 
 FIGURES = ("png", "svg", "pdf")
 IMAGE_FORMATS = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
@@ -165,6 +165,12 @@ class Terminal(Console):
     def render_str(self, text: str, **options: Any) -> Text:
         """Render a string, such as a cell of a table, without control sequences."""
         return super().render_str(terminal_text(text), **options)
+
+
+def is_quiet() -> bool:
+    """Return whether only warnings and errors are printed."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(QUIET))
 
 
 def output_console() -> Console:

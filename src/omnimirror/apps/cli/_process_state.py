@@ -23,7 +23,8 @@ from ...base.errors import OmnimirrorWarning
 
 # -- Standard streams ------------------------------------------------------------------------------
 
-_QUIET = "omnimirror.quiet"
+QUIET = "omnimirror.quiet"
+"""Key of ``--quiet`` in the metadata of the click context."""
 ASCII_REPLACEMENTS = {
     "–": "-",
     "—": "-",
@@ -144,17 +145,6 @@ def discard_output() -> None:
     """Discard the buffered standard output after its reader has closed the pipe."""
     with suppress(OSError, ValueError, AttributeError), _discarded(sys.stdout.fileno()):
         sys.stdout.flush()
-
-
-def set_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
-    """Apply ``--quiet``: omit tables, text and progress bars; keep files, warnings and errors."""
-    ctx.meta[_QUIET] = value
-
-
-def is_quiet() -> bool:
-    """Return whether only warnings and errors are printed."""
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(_QUIET))
 
 
 # -- Signals and environment -----------------------------------------------------------------------

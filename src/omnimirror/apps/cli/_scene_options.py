@@ -19,9 +19,8 @@ from ...simulation.radiometry import Radiometry
 from ...simulation.scenes.moving_objects import MovingBox, load_bodies
 from ...simulation.scenes.scene import Pose
 from ...simulation.scenes.scene_sources import BUNDLED, SceneSource
-from ._declarations import Options, flag, option, setting
-from ._option_types import INTEGER, _numbers
-from ._process_state import is_quiet
+from ._declarations import INTEGER, Options, _numbers, flag, option, setting
+from ._output import is_quiet
 
 
 def pose(text: str) -> Pose:
@@ -120,7 +119,8 @@ class RenderingOptions(Options):
         if isinstance(value := self.reflectivity, tuple):
             if len(value) != 3:
                 raise click.UsageError(
-                    "radiometry.reflectivity must be one value, or three for red, green and blue"
+                    "radiometry.reflectivity must be one value, or three for red, green and blue; "
+                    f"got {len(value)}"
                 )
             given["reflectivity"] = tuple(reflectivity(str(part)) for part in value)
         elif value is not None:

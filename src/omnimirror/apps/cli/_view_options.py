@@ -18,17 +18,21 @@ from ...dewarp.request import BorderColour, without_tilt
 from ...dewarp.screens import Layout, Pole, Rows, Shape
 from ...dewarp.viewpoints import Viewpoint
 from ...dewarp.views import PartialSize
-from ._declarations import Options, flag, option, refuse_inapplicable, setting
-from ._option_types import (
+from ._declarations import (
     IntegerRange,
+    Options,
     angle,
     angle_range,
     distance,
     factor,
+    flag,
     height,
     height_range,
     image_size,
     offset,
+    option,
+    refuse_inapplicable,
+    setting,
     viewpoint,
 )
 

@@ -167,7 +167,7 @@ def _by_image(calibration: Calibration) -> tuple[Array, Array]:
         if calibration.held_out
         else np.full_like(fit.residuals, np.nan)
     )
-    return tuple(  # type: ignore[return-value]
+    return tuple(  # type: ignore[return-value]  # the length of the generator is fixed
         np.array(
             [np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.problem.stack.slices]
         )

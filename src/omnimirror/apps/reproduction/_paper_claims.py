@@ -828,7 +828,7 @@ def _pixels() -> list[Claim]:
             lambda p: p.square_degrees * p.coverage / PRINTED_PIXELS,
             "deg²",
             exact=lambda p: p.mean_pixel_deg2,
-            note="erratum 8 makes it too large",
+            note="the value is too large because of erratum 8",
         ),
         printed(
             "Sec. 3.3, Fig. 11",

@@ -12,7 +12,7 @@ from ...analysis.evaluation import Evaluation, evaluate
 from ...analysis.figures.curves import sphere_for
 from ...analysis.figures.subjects import EXACT, PAPER, Conditions
 from ...analysis.focus import BestFocus, best_focus
-from ...analysis.viewpoints import (
+from ...analysis.meridional_imaging import (
     SingleViewpoint,
     best_viewpoint,
     viewpoint_angle_error,

@@ -35,7 +35,7 @@ from ...optics.tracing.shell_transmission import pose_of, transmit_rays
 from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
 from ...simulation.scenes.surfaces import intersect_boxes
-from ._bench_requirements import CheckResult, check_evaluation
+from ._bench_requirements import UNCHECKED, check_evaluation
 from ._bench_sensors import (
     aligned_sensor,
     api_error_of,
@@ -380,7 +380,7 @@ def answer(message: DesignRequest) -> bytes:
     checked = (
         check_evaluation(message.requirements, design.curve)
         if message.requirements is not None
-        else CheckResult()
+        else UNCHECKED
     )
     blocks += checked.curves
     response = _answer(
@@ -400,7 +400,7 @@ def _answer(message: DesignRequest, **fields: object) -> DesignResponse:
         "rows": (),
         "blocks": (),
     }
-    return DesignResponse(slot=message.slot, number=message.number, **{**empty, **fields})  # type: ignore[arg-type]
+    return DesignResponse(slot=message.slot, number=message.number, **{**empty, **fields})  # type: ignore[arg-type]  # types of the keywords depend on their names
 
 
 def _evaluated(sensor: Sensor, object_distance_mm: float) -> EvaluatedSensor:

@@ -19,7 +19,7 @@ from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import format_sensor, sensor_of, tables_of
 from ...optics.toml_validation import SourceLocator
-from ._bench_requirements import lens_table, requirements_for
+from ._bench_requirements import lens_table, mirror_table, requirements_for
 from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench
 from ._http_messages import framed
 from ._uploads import encoded, safe_name
@@ -87,12 +87,15 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
     ------
     SpecError
         If the requirements are invalid.
+    InvalidParameter
+        If they specify no mirror, and that of the sensor has neither a family nor a mapping.
     """
     sensor = aligned_sensor(sensor)
     requirements = requirements_for(tables, sensor)
     imager = tables_of(sensor)["imager"]
-    rim = {"family": "sphere", "rim_radius_mm": sensor.mirror.rim_radius_mm}
-    own = {"name": requirements.name, "mirror": rim, "imager": imager, "lens": lens_table(sensor)}
+    own = {"name": requirements.name, "imager": imager, "lens": lens_table(sensor)}
+    if "mirror" not in tables:
+        own["mirror"] = mirror_table(sensor)
     return tomli_w.dumps(_replaced({**own, **tables}, VERY_FAR, float("inf")))
 
 

@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 
 from ...analysis.evaluation import Evaluation
-from ...base.errors import OmnimirrorError
+from ...base.errors import InvalidParameter, OmnimirrorError
 from ...design.merits import values_of_evaluation
+from ...design.mirror_construction import FAMILIES
 from ...design.requirement_check import RequirementCheck, check_requirements, evaluations
 from ...design.requirement_files import lens_like, requirements_of
 from ...design.requirements import Requirements
+from ...optics.mirrors import Ellipsoid, EvenPolynomial
+from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
 from ._bench_sensors import aligned_sensor, sensor_on_bench
@@ -30,13 +33,15 @@ from .bench_messages import (
 
 DIGITS = 6
 CHECK_ANGLES = 181  # field angles at which limits are evaluated while a slider moves
+OF_MAPPINGS = ("plane_distance_mm", "cylinder_radius_mm", "omega_deg", "height")
+"""Entries of mappings in addition to field and rim."""
 OWN = ("rim_radius_mm", "focal_length_mm", "theta_max_deg", "f_number")
 """Entries that are checked only if the requirements contain them explicitly."""
 
 
 def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
-    """Build requirements from tables; missing parts (mirror, lens, imager) are taken from the
-    sensor.
+    """Build requirements from tables; a missing lens or imager is that of the sensor, and a missing
+    mirror any mirror of its rim radius, for checks only.
 
     Raises
     ------
@@ -48,6 +53,37 @@ def requirements_for(tables: dict[str, Any], sensor: Sensor) -> Requirements:
     data.setdefault("lens", lens_table(sensor))
     data.setdefault("imager", tables_of(sensor)["imager"])
     return requirements_of(data)
+
+
+def mirror_table(sensor: Sensor) -> dict[str, Any]:
+    """Return the family or mapping of a mirror as a table of a requirement file.
+
+    Raises
+    ------
+    InvalidParameter
+        If the mirror has neither.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> mirror_table(om.load_sensor("exact-equidistant"))
+    {'mapping': 'equidistant', 'rim_radius_mm': 43.9}
+    """
+    mirror = sensor.mirror
+    kind, own = mirror.KIND, {"rim_radius_mm": mirror.rim_radius_mm}
+    if kind == Ellipsoid.KIND:
+        return {"family": kind, "conic": round(mirror.conic, DIGITS), **own}  # type: ignore[attr-defined]  # an ellipsoid
+    if kind in FAMILIES:
+        return {"family": kind, **own}
+    if isinstance(mirror, EvenPolynomial):
+        return {"family": f"polynomial:{len(mirror.coefficients)}", **own}
+    if kind in MAPPINGS:
+        entries = {name: getattr(mirror, name) for name in OF_MAPPINGS if hasattr(mirror, name)}
+        return {"mapping": kind, **entries, **own}
+    raise InvalidParameter(
+        f"a requirement file requires a family or a mapping; got a {kind} mirror; choose another "
+        "type of mirror or open a requirement file with [mirror]"
+    )
 
 
 def lens_table(sensor: Sensor) -> dict[str, Any]:
@@ -67,6 +103,9 @@ class CheckResult:
     trouble: str | None = None
     curves: tuple[BlockValues, ...] = ()
     """One block, "limits": limited quantities over the field, named after their rows."""
+
+
+UNCHECKED = CheckResult()
 
 
 def check_evaluation(tables: dict[str, Any], curve: Evaluation) -> CheckResult:

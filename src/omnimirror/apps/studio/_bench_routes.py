@@ -11,7 +11,7 @@ from fastapi.responses import PlainTextResponse, Response
 from ...base.errors import OmnimirrorError
 from ...base.escaping import http_attachment
 from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
-from ...optics.sensor_files import load_sensor
+from ...optics.sensor_files import bundled_sensors, load_sensor
 from ._bench_files import SLOW_KINDS, File, downloaded, opened, requirement_file, taken
 from ._bench_requirements import slider_violations
 from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
@@ -63,9 +63,9 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/bench/sensor")
     def bundled(name: str) -> BenchSensor:
         """Return a bundled sensor."""
-        if name not in bench_start().sensors:
+        if name not in (names := bundled_sensors()):
             raise OmnimirrorError(
-                f"name must be a bundled sensor; got {name!r}; valid are {', '.join(bench_start().sensors)}"
+                f"name must be a bundled sensor; got {name!r}; use {', '.join(names)}"
             )
         return on_bench(load_sensor(name))
 

@@ -10,7 +10,6 @@ import types
 import typing
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,13 +24,14 @@ from ...base.typing import Array
 from ...design.limits import LIMITABLE
 from ...design.merits import DESIGN_MERITS
 from ...design.mirror_construction import FAMILIES, MountedMirror, RimRay
-from ...design.mirror_fits import fit_mirror
+from ...design.mirror_fits import fit_mirror, similar_mirror
 from ...optics.batch.families import FREEFORM_FAMILIES
 from ...optics.image_sensor import Imager
 from ...optics.lenses import LENSES, GaussianLens, Orthographic, Perspective, TabulatedLens
 from ...optics.mirrors import (
     MIRRORS,
     SECONDARIES,
+    ConicAsphere,
     EvenPolynomial,
     Mirror,
     SampledProfile,
@@ -65,7 +65,6 @@ DISTANCE = Parameter(
 )
 
 
-@cache
 def bench_start() -> BenchStart:
     """Return all parts with their parameters, and the quantities available for requirements.
 
@@ -143,6 +142,7 @@ def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterInf
 NODES = 25  # samples of a profile, spline or table derived from another mirror
 SLOPES = 13
 ELLIPSOID_CONIC = -0.4
+FITS: dict[type[Mirror], str] = {EvenPolynomial: "polynomial:5", ConicAsphere: "asphere:3"}
 FIELD_REDUCTION_DEG = 15.0  # deg below the field angle that a mapping cannot reach
 SURFACE_DISTANCE = 10.0  # distance from the mirror to a plane or cylinder, in rim radii
 FOCUS_DIGITS = 3  # decimals of the focus distance in mm, finer than lenses can be set
@@ -237,7 +237,7 @@ def on_bench(sensor: Sensor) -> BenchSensor:
         and sensor.secondary is None
         and not sensor.lens.TELECENTRIC
     )
-    follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]
+    follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]  # is_mapped implies a MappingMirror
     return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
 
 
@@ -245,7 +245,7 @@ def changed(change: DesignChange) -> Sensor:
     """Return the sensor with another kind of mirror or lens, or at its best focus.
 
     A new mirror keeps the radius and viewing angle of the rim, and the field if its kind can reach
-    it; kinds with many parameters approximate the shape of the previous mirror.
+    it; kinds with many parameters, and mirrors of other packages, approximate the previous shape.
 
     Raises
     ------
@@ -298,11 +298,12 @@ def recast(sensor: Sensor, kind: str) -> MountedMirror:
         return FAMILIES[kind](rim, ELLIPSOID_CONIC if kind == "ellipsoid" else None)
     if cls in AS_BEFORE:
         return rim.place(AS_BEFORE[cls](sensor, rim))
-    if kind not in MAPPINGS:
-        before = rim.place(sensor.mirror)
-        return fit_mirror(before, "polynomial:5" if cls is EvenPolynomial else "asphere:3").mounted
-    mirror = _mapped(cls, rim)
-    return MountedMirror(mirror, mirror.design_distance)
+    if cls in FITS:
+        return fit_mirror(rim.place(sensor.mirror), FITS[cls]).mounted
+    if kind in MAPPINGS:
+        mirror = _mapped(cls, rim)
+        return MountedMirror(mirror, mirror.design_distance)
+    return rim.place(similar_mirror(cls, sensor.mirror))
 
 
 def rim_of(sensor: Sensor) -> RimRay:
@@ -424,7 +425,7 @@ def _for_theta(mirror: Mirror, theta_deg: float) -> Mirror:
     """Solve a prescribed-mapping mirror for another viewing angle; other mirrors are returned
     unchanged."""
     if isinstance(mirror, MappingMirror):
-        return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]
+        return replace(mirror, theta_max_deg=theta_deg)  # type: ignore[type-var]  # all implementations are dataclasses
     return mirror
 
 

@@ -184,7 +184,7 @@ def place_of(observation: Observation, model: CameraModel, board: Board) -> Boar
     return BoardPose(
         picture=observation.name,
         rotation=tuple(float(x) for x in (to_world @ observation.pose.rotation).ravel()),
-        shift_mm=tuple(float(x) for x in to_world @ observation.pose.translation_mm),  # type: ignore[arg-type]
+        shift_mm=tuple(float(x) for x in to_world @ observation.pose.translation_mm),  # type: ignore[arg-type]  # three numbers
         low_mm=(float(low[0]), float(low[1])),
         high_mm=(float(high[0]), float(high[1])),
         margin_mm=MARGIN * board.square_mm,

@@ -14,8 +14,8 @@ from ...base.typing import Array, Mask
 from ...cameras.camera import inside_image
 from ...cameras.frames import Mount, rotate_vectors
 from ...cameras.models import MirrorBall, OCam, ViewpointSpline
+from ...dewarp._source_coordinates import tables_of
 from ...dewarp.field_of_view import field_of
-from ...dewarp.radial_table import tables_of
 from ...optics.housing import Tube
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import AnyCamera
@@ -238,7 +238,7 @@ def _next(
 # -- Camera tables ---------------------------------------------------------------------------------
 #
 # A rotationally symmetric camera is tabulated over sin(Omega/2), as in
-# :mod:`omnimirror.dewarp.radial_table`, with fewer entries. Other cameras are sampled on a
+# :mod:`omnimirror.dewarp._source_coordinates`, with fewer entries. Other cameras are sampled on a
 # lattice of pixels over the disk ``sin(Omega/2) (cos phi, sin phi)`` about their axis, which
 # resembles the image, with a table of the field boundary and, for mirrors, a lattice of ray origins.
 

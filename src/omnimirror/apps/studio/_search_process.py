@@ -94,6 +94,11 @@ def _optimise(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None
 def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
     if task.requirements is None:
         raise InvalidParameter("requirements must be given for a design from requirements")
+    if "mirror" not in task.requirements:
+        raise InvalidParameter(
+            "the requirements must specify a mapping or a family for a design from requirements; "
+            "add [mirror] to the requirement file"
+        )
     requested = requirements_for(task.requirements, aligned_sensor(sensor))
     solution = design_sensor(requested, lambda words: on_progress(_news("running", words)))
     missed = [row.label for row in solution.rows if not row.is_met]
@@ -109,7 +114,7 @@ def _news(
     sensor: Sensor | None = None,
 ) -> TaskStatus:
     on = on_bench(sensor) if sensor is not None else None
-    return TaskStatus(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]
+    return TaskStatus(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]  # pydantic checks the state
 
 
 def main() -> None:

@@ -170,7 +170,7 @@ def _unpacked_bytes(file: ImageFile, data: bytes) -> int:
     if file.format == "PNG":
         depth = data[24]
     elif file.format == "TIFF":
-        depth = max(file.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]
+        depth = max(file.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]  # a TIFF file
     elif file.format == "PPM":
         depth = 16  # maximum value up to 65535
     return width * height * channels * -(-depth // 8)

@@ -612,7 +612,7 @@ def _notes(
     ):
         notes.append(
             f"The fit error of {len(fit.observations)} images is not representative of "
-            "other images: check the error in held-out images, and take more images."
+            "other images: check the error in held-out images, and capture more images."
         )
     notes += [
         "The images do not determine "

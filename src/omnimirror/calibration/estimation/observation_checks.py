@@ -391,7 +391,7 @@ def recommendations(coverage: Coverage, images: int) -> tuple[str, ...]:
     sentences = []
     if images < SUFFICIENT_IMAGES:
         sentences.append(
-            f"Take more images: {images} {'is' if images == 1 else 'are'} used; "
+            f"Capture more images: {images} {'is' if images == 1 else 'are'} used; "
             f"{SUFFICIENT_IMAGES} to 20 with the board at different positions are "
             "recommended."
         )

@@ -342,7 +342,7 @@ def _marks(observations: Sequence[Observation]) -> Marks:
     if (unmatched := mark_ids[count < 2]).size:
         raise InvalidParameter(
             f"mark {unmatched[0]} on a plane must be observed in at least two images with "
-            "the same number (ids); got one"
+            "the same number (ids); got one image"
         )
     first_points, other = at[first][number], at
     distances = np.abs(
@@ -355,7 +355,9 @@ def _marks(observations: Sequence[Observation]) -> Marks:
         is_inconsistent := (distances > size)
         | (np.abs(np.sum(normals[first_points] * normals[other], axis=1)) < 1 - 1e-9)
     ).any():
-        raise InvalidParameter(f"mark {ids[at][is_inconsistent][0]} must be on one plane; got two")
+        raise InvalidParameter(
+            f"mark {ids[at][is_inconsistent][0]} must be on one plane; got two planes"
+        )
     axes = np.zeros((len(ids), 3, 2))
     axes[at] = np.linalg.svd(normals[first_points][:, None])[2][:, 1:].transpose(0, 2, 1)
     numbers = np.full(len(ids), -1)
@@ -534,7 +536,12 @@ def read_observations(
 
 def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> list[_Row]:
     """Return the lines of a file with pixel columns and one of several sets of target columns."""
-    text = read_text(path, "points and directions", InvalidParameter, f"there is no file {path}")
+    text = read_text(
+        path,
+        "points and directions",
+        InvalidParameter,
+        f"cannot read the points {path}: the file does not exist",
+    )
     lines = [
         (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
     ]

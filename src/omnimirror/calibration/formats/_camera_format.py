@@ -376,7 +376,7 @@ class ReadOptions:
         if self.image_size is None:
             raise SpecError(
                 f"{self.source} does not contain the image size; specify image_size "
-                "(--image-size), for example 1024x768"
+                "(--set camera.image_size), for example 1024x768"
             )
         return self.image_size
 

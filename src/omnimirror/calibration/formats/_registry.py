@@ -157,7 +157,7 @@ def read_cameras(
     try:
         data = read_bytes(path, MAX_TEXT_BYTES)
     except FileNotFoundError:
-        raise SpecError(f"there is no camera file {path}") from None
+        raise SpecError(f"cannot read the camera file {path}: the file does not exist") from None
     except OSError as e:
         raise SpecError(f"cannot read the camera file {path}: {e.strerror or e}") from None
     file = CameraFile.of(str(path), data)

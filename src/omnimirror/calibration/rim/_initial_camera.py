@@ -41,7 +41,7 @@ class MirrorPreset:
 
 PRESETS = {
     "one-shot": MirrorPreset(
-        "radius proportional to the field angle, to 135 deg", "exact-equidistant"
+        "radius proportional to the field angle, up to 135 deg", "exact-equidistant"
     ),
     "ball": MirrorPreset(
         "complete mirror ball at a distance of several diameters",
@@ -53,12 +53,12 @@ PRESETS = {
         "cap of a ball, such as a traffic mirror", field_deg=160.0, camera_looks="forward"
     ),
     "paraboloid": MirrorPreset(
-        "paraboloid with a telecentric lens, to 105 deg", "paraboloid-telecentric"
+        "paraboloid with a telecentric lens, up to 105 deg", "paraboloid-telecentric"
     ),
     "hyperboloid": MirrorPreset(
-        "hyperboloid with a single viewpoint, to 135 deg", "paper-hyperboloidal"
+        "hyperboloid with a single viewpoint, up to 135 deg", "paper-hyperboloidal"
     ),
-    "sphere": MirrorPreset("spherical mirror near its lens, to 135 deg", "paper-spherical"),
+    "sphere": MirrorPreset("spherical mirror near its lens, up to 135 deg", "paper-spherical"),
 }
 """Common types of mirrors by name."""
 DEFAULT_PRESET = "one-shot"

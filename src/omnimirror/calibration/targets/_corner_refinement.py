@@ -456,7 +456,7 @@ MODEL_PX = 0.01
 
 The image as a whole scales it.
 """
-SMOOTH_PX, BLUR_BIAS = 0.004, 1.5
+SMOOTH_PX, BLUR_BIAS = 0.004, 1.2
 """Common bias of neighbouring corners in px, and its growth with blur.
 
 The growth is the ratio of bias over side to (blur over side)^4: 0.03 px at a blur of 3 px and

@@ -232,7 +232,7 @@ class RadialModel(CameraModel):
 
     def _slot_value(self, slot: ParameterSlot) -> float:
         value = getattr(self, slot.field)
-        return value if slot.item is None else value[slot.item]  # type: ignore[no-any-return]
+        return value if slot.item is None else value[slot.item]  # type: ignore[no-any-return]  # the type depends on the argument
 
     @cached_property
     def distortion(self) -> DistortionModel:

@@ -283,7 +283,7 @@ class RadialSpline(SplineModel):
         InvalidParameter
             If the field is wider than that of the other model.
         """
-        return cls(**_fitted_parameters(camera, knots, 6, field_deg))  # type: ignore[arg-type]
+        return cls(**_fitted_parameters(camera, knots, 6, field_deg))  # type: ignore[arg-type]  # types of the keywords depend on their names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -358,14 +358,14 @@ class ViewpointSpline(SplineModel):
             If the field is wider than that of the other model.
         """
         start = _fitted_parameters(camera, knots, 8, field_deg)
-        count = len(start["radii_px"])  # type: ignore[arg-type]
-        omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, count + 1) / count  # type: ignore[arg-type]
+        count = len(start["radii_px"])  # type: ignore[arg-type]  # values differ in type
+        omega = np.radians(float(start["field_deg"]) / 2) * np.arange(1, count + 1) / count  # type: ignore[arg-type]  # values differ in type
         inside = np.minimum(omega, camera.model_end)
         heights = (
             camera._heights(inside) if isinstance(camera, ViewpointSpline) else np.zeros(count)
         )
         start["viewpoints_mm"] = tuple(heights.tolist())
-        return cls(**start)  # type: ignore[arg-type]
+        return cls(**start)  # type: ignore[arg-type]  # types of the keywords depend on their names
 
     @property
     def _parameter_slots(self) -> tuple[tuple[ParameterSlot, ...], tuple[ParameterSlot, ...]]:

@@ -48,7 +48,7 @@ SMALL_BLUR_REASON = "errors of this small blur would be amplified at the low noi
 MAX_SHARE_OF_SMALL, SMALL_PX = 0.5, 2.5  # limit for blur below this diameter everywhere
 SHARPER = "it is sharper than the assumed blur"
 UNSEEN = "its blur cannot be estimated"
-NO_MORE = "it contains no more blur"
+NO_MORE = "it contains no further blur"
 # Limits of the blur from edges and texture: estimates above the maximum are consistent with all of
 # the known blur; below the minimum the image is returned unchanged
 MAX_LIMIT, MAX_LIMIT_OF_LARGE, EDGE_SCALE, TEXTURE_SCALE = 0.85, 0.7, 0.9, 1.1

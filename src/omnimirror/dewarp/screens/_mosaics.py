@@ -186,7 +186,7 @@ class Mosaic:
         check_size(self.size)
         object.__setattr__(self, "parts", tuple(ScreenPart(*part) for part in self.parts))
         if not self.parts:
-            raise InvalidParameter("parts must contain at least one view")
+            raise InvalidParameter("parts must contain at least one view; got none")
         for left, top, view in self.parts:
             right, bottom = left + view.size[0], top + view.size[1]
             if not (0 <= left == int(left) and 0 <= top == int(top)):
@@ -203,7 +203,9 @@ class Mosaic:
     def stacked(cls, rows: Sequence[Sequence[View]], gap_px: int = 0) -> Self:
         """Return rows of views, stacked and centred, with ``gap_px`` between neighbours."""
         if not all(rows):
-            raise InvalidParameter("each row of the mosaic must contain at least one view")
+            raise InvalidParameter(
+                "each row of the mosaic must contain at least one view; got an empty row"
+            )
         widths = [sum(v.size[0] for v in row) + gap_px * (len(row) - 1) for row in rows]
         parts, top = [], 0
         for row, width in zip(rows, widths, strict=True):

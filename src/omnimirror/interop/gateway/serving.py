@@ -94,7 +94,7 @@ def serve_views(
     is_file = Path(source).is_file()
     check_source(source)
     if not views:
-        raise InvalidParameter("views must contain at least one view")
+        raise InvalidParameter("views must contain at least one view; got none")
     if token is not None and not re.fullmatch("[!-~]+", token):
         raise InvalidParameter(
             "token must consist of ASCII letters, digits and punctuation characters without spaces"

@@ -101,7 +101,7 @@ class _LimitedBody:
                 message = await self.receive()
         except TimeoutError:
             rate = MIN_RATE_BYTES_PER_S
-            raise self._refuse(408, f"the body must arrive at {rate:g} bytes/s or faster") from None
+            raise self._refuse(408, f"the body must be sent at {rate:g} bytes/s or more") from None
         self._is_complete = not message.get("more_body", False)
         part = len(message.get("body", b""))
         self.size += part

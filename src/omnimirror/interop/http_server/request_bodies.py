@@ -68,7 +68,7 @@ def parse_body(data: bytes | str) -> Any:
     except ValueError as e:  # an integer with more digits than Python converts
         if isinstance(e, InvalidMessage):
             raise
-        raise InvalidMessage("the body must hold integers of at most 64 bits") from None
+        raise InvalidMessage("integers in the body must have at most 64 bits") from None
     _check_values(value)
     return value
 
@@ -79,7 +79,7 @@ def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         names = [name for name, _ in pairs]
         duplicate = next(name for name in names if names.count(name) > 1)
         raise InvalidMessage(
-            f"the body must hold every name once; got {format_value(duplicate)} again"
+            f"names in the body must be unique; got {format_value(duplicate)} twice"
         )
     return table
 
@@ -90,14 +90,14 @@ def _check_values(value: Any) -> None:
     for _ in range(MAX_NESTING + 1):
         for item in level:
             if isinstance(item, float) and not math.isfinite(item):
-                raise InvalidMessage(f"the body must hold finite numbers; got {item}")
+                raise InvalidMessage(f"numbers in the body must be finite; got {item}")
             if isinstance(item, int) and not -(2**63) <= item < 2**63:
                 raise InvalidMessage(
-                    f"the body must hold integers of at most 64 bits; got {format_value(item)}"
+                    f"integers in the body must have at most 64 bits; got {format_value(item)}"
                 )
             if isinstance(item, str) and not _is_encodable(item):
                 raise InvalidMessage(
-                    f"the body must hold whole characters; got the surrogate in {format_value(item)}"
+                    f"text in the body must be valid Unicode; got a surrogate in {format_value(item)}"
                 )
         level = [part for item in level for part in _items(item)]
         if not level:
@@ -175,7 +175,7 @@ async def receive_message(socket: WebSocket, model: type[M]) -> M:
         raise WebSocketDisconnect(message.get("code", 1005), message.get("reason"))
     text = message.get("text")
     if text is None:
-        raise InvalidMessage("the message must be JSON text; got a binary one")
+        raise InvalidMessage("the message must be JSON text; got a binary message")
     return parse_message(text, model)
 
 

@@ -69,7 +69,7 @@ def open_bag(source: Path) -> Iterator[Any]:
     """
     library = rosbags()
     if not source.exists():
-        raise MediaError(f"cannot read {source}: no such file or folder")
+        raise MediaError(f"cannot read {source}: the file or folder does not exist")
     if not is_bag(source):
         raise MediaError(
             f"a ROS bag must be a file {', '.join(READABLE)} or a rosbag2 folder; got {source}"

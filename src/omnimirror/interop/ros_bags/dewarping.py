@@ -155,7 +155,7 @@ def dewarp_bag(
     >>> om.dewarp_bag("missing.mcap", "views.mcap", camera=om.load_sensor("paper-spherical"))
     Traceback (most recent call last):
     ...
-    omnimirror.base.errors.MediaError: cannot read missing.mcap: no such file or folder
+    omnimirror.base.errors.MediaError: cannot read missing.mcap: the file or folder does not exist
     """
     colour = None if border is None else BorderColour.of(border)
     dewarping = DewarpRequest(

@@ -564,7 +564,7 @@ def _unit_advice(ratio: float) -> str:
     """Suggest the likely unit for a size ratio of points to mirror; empty if mm is plausible."""
     for factor, unit in UNITS.items():
         if factor * (1 - UNIT_SLACK) < ratio < factor * (1 + UNIT_SLACK):
-            return f"the unit seems to be {unit}; give the unit of the points (--unit {unit})"
+            return f"the unit seems to be {unit}; specify the unit of the points (--unit {unit})"
     return ""
 
 

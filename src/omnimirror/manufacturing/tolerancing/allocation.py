@@ -163,7 +163,7 @@ def check_target_yield(target_yield: float, limits: Mapping[str, float]) -> None
     if not 0 < target_yield < 1:
         raise InvalidParameter(f"target_yield must be between 0 and 1; got {target_yield:g}")
     if not limits:
-        raise InvalidParameter("limits must contain at least one limit")
+        raise InvalidParameter("limits must contain at least one limit; got none")
 
 
 def default_max_tolerance(sensor: Sensor, name: str, requested: float) -> float:

@@ -357,7 +357,7 @@ def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
         **_standing(sensor, values),
     )
     if warmer := values.get("temperature.warmer_k", 0.0):
-        assert sensor.thermal is not None, "no other has this error"
+        assert sensor.thermal is not None, "temperature errors require a thermal model"
         return at_temperature(built, sensor.thermal.reference_c + warmer)
     return built
 
@@ -475,7 +475,7 @@ def check_name(name: str, known: Mapping[str, ErrorSource]) -> None:
         advice = (
             f"did you mean {' or '.join(near)}?"
             if near
-            else f"valid are {', '.join(list(known)[:8])}, ..."
+            else f"use {', '.join(list(known)[:8])}, ..."
         )
         for start, needed in NEEDED.items():
             if name.startswith(start) and not any(other.startswith(start) for other in known):

@@ -327,7 +327,7 @@ def is_vectorised(sensor: Sensor, values: Collection[str] = ()) -> bool:
     )
     if WARMER not in values or not is_plain:
         return is_plain and sensor.is_ideal_except_pose
-    assert sensor.thermal is not None, "no other has this error"
+    assert sensor.thermal is not None, "temperature errors require a thermal model"
     has_formula = isinstance(sensor.mirror, Conic | ConicAsphere | EvenPolynomial)
     return sensor.is_ideal_except_pose and (
         has_formula or not sensor.thermal.expansion_ppm("mirror")

@@ -155,7 +155,7 @@ def _unknown(name: object) -> InvalidParameter:
     built = [MeritName(quantity, quantity in LOWER_LIMITED).text for quantity in BUILT_QUANTITIES]
     calibrations = ", ".join(CALIBRATIONS[1:])
     return InvalidParameter(
-        f"{format_value(name)} is not a merit of trials; valid are {', '.join(plain + built)}; motions, directions and "
+        f"{format_value(name)} is not a merit of trials; use {', '.join(plain + built)}; motions, directions and "
         f"straightness with 'after' and one of {calibrations}, for example 'motion_px after affine'; and quantities of "
         "requirement files, for example 'total_blur_px, 20 to 100 deg' or 'min resolution_px_per_deg'"
     )
@@ -281,7 +281,7 @@ class RequiredMerits:
         for merit in merits:
             if merit.quantity.endswith(PER_PIXEL) and np.isinf(distance_mm):
                 raise InvalidParameter(
-                    f"a limit of {merit.quantity} requires a finite object distance; give object_distance_mm in "
+                    f"a limit of {merit.quantity} requires a finite object distance; specify object_distance_mm in "
                     "[objects] of the tolerance file or in [field] of the requirement file"
                 )
         objects = _with_parts(field, merits, distance_mm)
@@ -342,7 +342,7 @@ class RequiredMerits:
         departures: Array | None,
     ) -> MeritRows:
         if merit.quantity == STRAIGHTNESS:
-            assert departures is not None, "lines are there where it is asked for"
+            assert departures is not None, "straightness requires departures of lines"
             left = departures[CALIBRATIONS.index(merit.after)]
             return MeritRows("departure", left.reshape(len(left), -1))
         if merit.quantity == "rim_reach_px":

@@ -57,7 +57,7 @@ class ExitRays(NamedTuple):
 def vectorised_views(field: Field, values: Values, refocus: Refocus) -> tuple[TrialView, Array]:
     """Evaluate trials vectorised; also return focus vergences (t,) at the pupils, 1/mm."""
     lens = field.sensor.lens
-    assert isinstance(lens, Perspective), "no other is traced by the thousand"
+    assert isinstance(lens, Perspective), "vectorised evaluation requires a perspective lens"
     states = states_of(field.sensor, values)
     result = trace_objects(states, field.targets, field.distant, field.start)
     shown = form_images(states, result, refocus)

@@ -437,7 +437,9 @@ def run_sweep(
         if sweep.is_whole:
             write_manifest(sweep.folder, plan, checksums)
         return statistics
-    raise OmnimirrorError(f"shards in {sweep.folder} become corrupt repeatedly; check its disk")
+    raise OmnimirrorError(
+        f"shards in {sweep.folder} become corrupt repeatedly; check the disk of this folder"
+    )
 
 
 def _make_missing(
@@ -477,7 +479,7 @@ def _discard(
     shard: Shard, why: CorruptShardError, on_warning: Callable[[str], None] | None
 ) -> None:
     if on_warning:
-        on_warning(f"{why}; it is computed again")
+        on_warning(f"{why}; the shard is computed again")
     try:
         shard.path.unlink(missing_ok=True)
     except OSError as e:

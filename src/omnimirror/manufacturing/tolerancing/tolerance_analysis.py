@@ -320,7 +320,7 @@ def with_requirements(plan: TolerancePlan, requirements: Requirements) -> Tolera
     """
     if not requirements.limits:
         raise InvalidParameter(
-            f"requirements {requirements.name!r} must contain at least one limit"
+            f"requirements {requirements.name!r} must contain at least one limit; got none"
         )
     objects = dict(plan.objects)
     if "object_distance_mm" not in objects:

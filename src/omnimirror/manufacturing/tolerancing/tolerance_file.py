@@ -15,6 +15,7 @@ from ...base.arguments import check_fields, choice, file_name, validate_argument
 from ...base.errors import SpecError
 from ...base.escaping import line_comment
 from ...base.files import parse_json, parse_toml, read_text
+from ...base.project import schema_directive
 from ...design.limits import LIMITABLE
 from ...design.requirement_files import LimitTable, limit_of
 from ...optics.mirrors.as_built import MAX_ORDER, MirrorForm
@@ -31,6 +32,16 @@ from .tolerances import Distribution, Tolerance, Tolerances
 from .trial_images import REFOCUS, Refocus
 
 FORMAT = 1
+TOLERANCE_ENTRIES: dict[str, type] = {
+    "format": int,
+    "objects": dict,
+    "error": list,
+    "correlation": list,
+    "limit": list,
+    "figure": list,
+    "measured": list,
+}
+"""Entries and tables of a tolerance file with their types."""
 
 
 class ErrorTable(Table):
@@ -38,11 +49,12 @@ class ErrorTable(Table):
 
     name: str
     tolerance: Annotated[
-        float, Field(ge=0, description="plus or minus, in the unit that the name ends with")
+        float, Field(ge=0, description="half-width, in the unit at the end of the name")
     ]
     distribution: Distribution = "uniform"
     cost: Annotated[
-        float, Field(gt=0, description="of this tolerance; half of it costs twice as much")
+        float,
+        Field(gt=0, description="cost of this tolerance; half the tolerance has twice the cost"),
     ] = 1.0
     max_tolerance: Annotated[float, Field(gt=0, description="upper bound for --yield")] | None = (
         None
@@ -53,7 +65,12 @@ class FigureTable(Table):
     """Random form error with a power spectrum."""
 
     exponent: Annotated[
-        float, Field(ge=0, le=10, description="by which the spectral density falls")
+        float,
+        Field(
+            ge=0,
+            le=10,
+            description="exponent of the decrease of the spectral density with frequency",
+        ),
     ] = 2.5
     orders: (
         Annotated[list[int], Field(min_length=2, max_length=2, description="[FIRST, LAST]")] | None
@@ -70,7 +87,9 @@ class MeasuredTable(Table):
     name: str
     file: str
     unit: Unit = "mm"
-    tolerance: Annotated[float, Field(ge=0, description="how many times the form")] = 1.0
+    tolerance: Annotated[
+        float, Field(ge=0, description="tolerance as a multiple of the measured form")
+    ] = 1.0
     distribution: Distribution = "constant"
     cost: Annotated[float, Field(gt=0)] = 1.0
 
@@ -180,7 +199,12 @@ def load_tolerances(
     {'motion_px after pose': 0.5, 'blur_px': 9.59}
     """
     path = file_name("path", path)
-    text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
+    text = read_text(
+        path,
+        "tolerance file",
+        SpecError,
+        f"cannot read the tolerance file {path}: the file does not exist",
+    )
     return parse_tolerances(text, sensor, str(path), path.parent, changes)
 
 
@@ -220,7 +244,12 @@ def load_allocated_tolerances(path: str | Path, sensor: Sensor) -> dict[str, flo
     if path.suffix.lower() != ".json":
         plan = load_tolerances(path, sensor)
         return {name: bound.value for name, bound in plan.tolerances.errors.items()}
-    text = read_text(path, "tolerance file", SpecError, f"there is no tolerance file {str(path)!r}")
+    text = read_text(
+        path,
+        "tolerance file",
+        SpecError,
+        f"cannot read the tolerance file {path}: the file does not exist",
+    )
     try:
         data = parse_json(text)
         result = (
@@ -256,15 +285,7 @@ def parse_tolerances(
     text = text.removeprefix("\ufeff")
     where = SourceLocator(text, source)
     data = merge_tables(parse_toml(text, source), changes or {})
-    known: dict[str, type] = {
-        "format": int,
-        "objects": dict,
-        "error": list,
-        "correlation": list,
-        "limit": list,
-    }
-    known |= {"figure": list, "measured": list}
-    check_entries(data, known, FORMAT, where)
+    check_entries(data, TOLERANCE_ENTRIES, FORMAT, where)
     errors, costs, max_tolerances = _errors(data.get("error", []), sensor, where)
     _add_figures(data.get("figure", []), sensor, where, errors, costs)
     forms = _add_measured(data.get("measured", []), sensor, where, folder, errors, costs)
@@ -436,7 +457,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
     Examples
     --------
     >>> import omnimirror as om
-    >>> print(tolerance_template(om.load_sensor("paper-spherical"), "fine").splitlines()[0])
+    >>> print(tolerance_template(om.load_sensor("paper-spherical"), "fine").splitlines()[1])
     # Tolerances of paper-spherical, grade fine. All values are symmetric (plus or minus).
     """
     choice("grade", grade, GRADES)
@@ -445,11 +466,10 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
             0, merit_names().index("blur_px")
         ]
     )
-    lines = [
-        HEAD.format(
-            name=line_comment(sensor.name), grade=grade, blur=blur, max_blur=MORE_BLUR * blur
-        )
-    ]
+    head = HEAD.format(
+        name=line_comment(sensor.name), grade=grade, blur=blur, max_blur=MORE_BLUR * blur
+    )
+    lines = [schema_directive("tolerances") + head]
     for kind in error_sources(sensor).values():
         if kind.name.startswith("mirror.zernike") and int(kind.name.split("_")[1]) > LAST_ZERNIKE:
             continue

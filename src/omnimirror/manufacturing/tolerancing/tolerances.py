@@ -148,7 +148,7 @@ class Tolerances:
         for name in self.errors:
             check_name(name, known)
         if not self.errors:
-            raise InvalidParameter("errors must contain at least one error")
+            raise InvalidParameter("errors must contain at least one error; got none")
         self._mixing()
 
     @property

@@ -1,10 +1,18 @@
 """Lenses: image height and blur of the virtual image behind the mirror."""
 
 from ._field_lens import FieldLens
-from ._ideal_lenses import GaussianLens, Orthographic, Perspective
 from ._surface_lens import SurfaceLens
 from ._tabulated_lens import TabulatedLens
-from .lens import BLUR_MODES, BlurMode, DepthOfField, Lens, ThroughFocus
+from .lens import (
+    BLUR_MODES,
+    BlurMode,
+    DepthOfField,
+    GaussianLens,
+    Lens,
+    Orthographic,
+    Perspective,
+    ThroughFocus,
+)
 
 LENSES: dict[str, type[Lens]] = {
     cls.KIND: cls for cls in (Perspective, Orthographic, TabulatedLens, SurfaceLens)

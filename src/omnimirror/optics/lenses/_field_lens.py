@@ -14,8 +14,7 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.root_finding import increasing_root
 from ...base.typing import Array
-from ._ideal_lenses import GaussianLens
-from .lens import ChiefAim, EntrancePupil
+from .lens import ChiefAim, EntrancePupil, GaussianLens
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline

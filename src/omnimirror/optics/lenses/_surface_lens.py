@@ -191,6 +191,10 @@ class SurfaceLens(FieldLens):
     def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
         return read_lens_file(data, folder)
 
+    @classmethod
+    def file_entries(cls) -> dict[str, tuple[str, ...]]:
+        return {"file": tuple(cls.PARAMETERS), "glass_catalogue": ()}
+
     @cached_property
     def _paraxial(self) -> Paraxial:
         return _sequence_of(self).paraxial()

@@ -199,6 +199,10 @@ class TabulatedLens(FieldLens):
     def from_spec(cls, data: dict[str, Any], folder: Path | None) -> dict[str, Any]:
         return read_lens_table(data, folder, tuple(COLUMNS))
 
+    @classmethod
+    def file_entries(cls) -> dict[str, tuple[str, ...]]:
+        return {"file": tuple(COLUMNS)}
+
     @property
     def pupil_from_principal(self) -> float:
         return self.entrance_pupil_mm[0] - self.principal_point_mm

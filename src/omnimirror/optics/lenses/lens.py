@@ -1,4 +1,4 @@
-"""Lens interface and entrance pupil: image height and blur of the virtual image behind the mirror.
+"""Lens interface, entrance pupil, and ideal lenses: image height and blur of the virtual image.
 
 A lens is described in object space: chief rays pass through its entrance pupil, a flat disk; blur
 then needs no obliquity factor. Focusing changes only the image distance b0 (internal focusing, as in
@@ -17,10 +17,20 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import number
+from ...base.arguments import choice, coordinates, number
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
+from .distortion import (
+    Coefficients,
+    distorted,
+    distorted_radius,
+    fold,
+    shrinkage,
+    undistorted,
+    undistorted_radius,
+)
 
 # -- Entrance pupil --------------------------------------------------------------------------------
 
@@ -262,7 +272,7 @@ class Lens(ABC):
 
     def focused_at(self, focus_distance_mm: float) -> Self:
         """Return the lens focused at another distance."""
-        return replace(self, focus_distance_mm=focus_distance_mm)  # type: ignore[type-var]
+        return replace(self, focus_distance_mm=focus_distance_mm)  # type: ignore[type-var]  # all implementations are dataclasses
 
     def at_wavelength(self, wavelength_nm: float) -> Self:
         """Return the lens at a wavelength, with a fixed imager; ideal lenses are achromatic."""
@@ -279,12 +289,17 @@ class Lens(ABC):
         """Load the files that a lens table names; a folder of None forbids files."""
         return data
 
+    @classmethod
+    def file_entries(cls) -> dict[str, tuple[str, ...]]:
+        """Return the entries of a lens table that name a file, with the entries that it provides."""
+        return {}
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters only; cached results are recomputed."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]  # subclasses are dataclasses
 
     def _check(self) -> None:
-        for f in fields(self):  # type: ignore[arg-type]
+        for f in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
             self.PARAMETERS[f.name].check(f.name, number(f.name, getattr(self, f.name)))
 
 
@@ -299,3 +314,341 @@ def crossing(points: Array, directions: Array, z: float) -> Array:
     steps = (z - points[..., 2]) / directions[..., 2]
     points_in_plane: Array = points[..., :2] + steps[..., None] * directions[..., :2]
     return points_in_plane
+
+
+# -- Gaussian optics relative to the entrance pupil ------------------------------------------------
+#
+# Let e be the distance of the entrance pupil from the principal point towards the mirror. Relative to
+# the pupil, a thick lens is equivalent to a thin one of principal distance
+# ``c = f / (1 - (f - e) v)``, with the vergence ``v = 1/s0`` of the plane in focus, and its blur is
+# ``(f/F) c (v - 1/s)``. For e = 0 these are Eqs. 25 and 28. Both follow from the lens equation at the
+# principal planes: the ray from the pupil centre meets the plane in focus at ``s0 tan(theta)``,
+# imaged with the magnification ``b0/L0``.
+
+
+class GaussianLens(Lens):
+    """Lens at finite distance, with focal length and F-number f/D."""
+
+    focal_length_mm: float
+    f_number: float
+
+    TELECENTRIC: ClassVar[bool] = False
+
+    @property
+    def principal_point_mm(self) -> float:
+        """Position of the principal point, towards the mirror from the reference point."""
+        return 0.0
+
+    @property
+    def pupil_from_principal(self) -> float:
+        """Distance e (mm) of the entrance pupil from the principal point, towards the mirror."""
+        return self.pupil.at_mm - self.principal_point_mm
+
+    def _check_focus(self) -> None:
+        if self.focus_distance_mm <= self.principal_point_mm + self.focal_length_mm:
+            pupil_mm = self.principal_point_mm
+            position_text = f" in front of the principal point at {pupil_mm:g}" if pupil_mm else ""
+            raise InvalidParameter(
+                "focus_distance_mm must be greater than focal_length_mm = "
+                f"{self.focal_length_mm:g}{position_text}; got {self.focus_distance_mm:g}"
+            )
+        if self.focus_distance_mm <= self.pupil.at_mm:
+            raise InvalidParameter(
+                f"focus_distance_mm must be greater than {self.pupil.at_mm:g} mm, the position "
+                f"of the entrance pupil; got {self.focus_distance_mm:g}"
+            )
+
+    @property
+    def nearest_focus_mm(self) -> float:
+        """Smallest focus distance, slightly beyond focal length and entrance pupil."""
+        f = self.focal_length_mm
+        return max(self.principal_point_mm + 1.0001 * f, self.pupil.at_mm + 0.0001 * f)
+
+    @property
+    def image_distance(self) -> float:
+        """Distance b0 (mm) from principal point to imager in focus (Eq. 25)."""
+        return 1 / (
+            1 / self.focal_length_mm - 1 / (self.focus_distance_mm - self.principal_point_mm)
+        )
+
+    @property
+    def imager_mm(self) -> float:
+        """Distance from the reference point to the imager, mm; by default that of a thin lens."""
+        return self.image_distance - self.principal_point_mm
+
+    @cached_property
+    def principal_distance(self) -> float:
+        """Undistorted image height (mm) per tangent of the viewing angle."""
+        return float(self.through_focus(1 / self.from_pupil).image_scale)
+
+    @property
+    def from_pupil(self) -> float:
+        """Distance (mm) from the entrance pupil to the plane in focus."""
+        return self.focus_distance_mm - self.pupil.at_mm
+
+    def hyperfocal_distance(self, tolerance: float) -> float:
+        """Compute the hyperfocal distance f^2 / (delta F), mm, for a blur delta in mm."""
+        return self.focal_length_mm**2 / (
+            number("tolerance", tolerance, above=0, unit="mm") * self.f_number
+        )
+
+    def ideal_height(self, x: Array, w: Array) -> Array:
+        return self.principal_distance * x / w
+
+    def ideal_height_rate(
+        self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
+    ) -> Array:
+        # h = c tan(theta), tan(theta) = x/w: dh/dx = c (w - x z')/w^2 (Eq. 8), with w changing by the
+        # pupil's motion, drift dtheta
+        return self.principal_distance * (w - x * slope) / (w * (w - drift * x * w / (x**2 + w**2)))
+
+    @property
+    def stop_number(self) -> float:
+        return self.f_number
+
+    @property
+    def aperture_radius(self) -> float:
+        """Radius of the entrance pupil, mm."""
+        return self.focal_length_mm / self.f_number / 2
+
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
+        return np.concatenate(
+            [self.aperture_radius * pupil, np.full((len(pupil), 1), self.pupil.at_mm)], axis=1
+        )
+
+    def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
+        return np.broadcast_to(self.aperture_radius * np.eye(2, 3), (len(pupil), 2, 3))
+
+    def focus_coordinate(self, L: ArrayLike) -> Array:
+        """Compute the vergence at the entrance pupil."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(1 / (coordinates("L", L) - self.pupil.at_mm))
+
+    def distance_of(self, coordinate: ArrayLike) -> Array:
+        with np.errstate(divide="ignore"):
+            return np.asarray(1 / coordinates("coordinate", coordinate) + self.pupil.at_mm)
+
+    def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
+        choice("mode", mode, BLUR_MODES)
+        f, F = self.focal_length_mm, self.f_number
+        c = f / (1 - (f - self.pupil_from_principal) * coordinate)  # Eq. 25
+        return ThroughFocus(f * (c if mode == "exact" else f) / F, c, F * c / f)
+
+    def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
+        choice("mode", mode, BLUR_MODES)
+        f, s0, pupil_mm = self.focal_length_mm, self.from_pupil, self.pupil.at_mm
+        # blur (f/F) c |1/s0 - 1/s| = tolerance, solved for s, with c = f s0/(s0 - (f - e)); mode "paper"
+        # replaces c by f (Eq. 29)
+        dropped = f - self.pupil_from_principal if mode == "exact" else 0.0
+        spread = number("tolerance", tolerance, low=0, unit="mm") * self.f_number * (s0 - dropped)
+        far = f**2 * s0 / (f**2 - spread) + pupil_mm if spread < f**2 else np.inf
+        return DepthOfField(f**2 * s0 / (f**2 + spread) + pupil_mm, far)
+
+
+# -- Perspective lens ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Perspective(GaussianLens):
+    """Perspective lens, ``h = b0 tan(theta)``, with optional OpenCV distortion.
+
+    Distortion displaces the image of an ideal thin lens as a whole, including its blur
+    (:mod:`omnimirror.optics.lenses.distortion`); blur scales with the local magnification.
+
+    A thick lens has its entrance pupil ``entrance_pupil_mm`` towards the mirror from its principal
+    point (:mod:`omnimirror.optics.lenses.lens`).
+
+    >>> lens = Perspective(focal_length_mm=11.6, f_number=4.0, focus_distance_mm=212.0)
+    >>> round(lens.image_distance, 4), round(lens.image_f_number(), 4)
+    (12.2715, 4.2315)
+    """
+
+    focal_length_mm: float
+    f_number: float
+    focus_distance_mm: float
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    entrance_pupil_mm: float = 0.0
+
+    KIND: ClassVar[str] = "perspective"
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "focal_length_mm": Parameter("mm", 1e-2, 1e5, "focal length (f)"),
+        "f_number": F_NUMBER,
+        "focus_distance_mm": FOCUS,
+        "k1": Parameter(
+            "", -100.0, 100.0, "radial distortion coefficient of r^2 (OpenCV), 0 by default"
+        ),
+        "k2": Parameter("", -1e4, 1e4, "radial distortion coefficient of r^4"),
+        "k3": Parameter("", -1e6, 1e6, "radial distortion coefficient of r^6"),
+        "p1": Parameter("", -1.0, 1.0, "tangential distortion coefficient p1"),
+        "p2": Parameter("", -1.0, 1.0, "tangential distortion coefficient p2"),
+        "entrance_pupil_mm": Parameter(
+            "mm",
+            -1e4,
+            1e4,
+            "position of the entrance pupil, from the principal point towards the mirror",
+        ),
+    }
+
+    def __post_init__(self) -> None:
+        self._check()
+        self._check_focus()
+
+    @cached_property
+    def pupil(self) -> EntrancePupil:
+        return EntrancePupil(self.entrance_pupil_mm)
+
+    @property
+    def brown(self) -> Coefficients:
+        """Distortion coefficients."""
+        return self.k1, self.k2, self.k3, self.p1, self.p2
+
+    @property
+    def is_symmetric(self) -> bool:
+        return not (self.p1 or self.p2)
+
+    def distorted(self, ideal: Array) -> Array:
+        c = self.principal_distance
+        return c * distorted(ideal / c, self.brown) if any(self.brown) else ideal
+
+    def undistorted(self, image: Array) -> Array:
+        c = self.principal_distance
+        return c * undistorted(image / c, self.brown) if any(self.brown) else image
+
+    def distorted_height(self, ideal: Array) -> Array:
+        k, c = self.brown[:3], self.principal_distance
+        if not any(k):
+            return ideal
+        tangent, last = ideal / c, fold(k)
+        if (tangent > last).any():
+            raise InvalidParameter(
+                f"the distortion k1, k2, k3 = {k[0]:g}, {k[1]:g}, {k[2]:g} must be monotonic up "
+                f"to the edge of the mirror, {np.degrees(np.arctan(np.max(tangent))):.4g} deg "
+                "from the axis of the lens; the image folds over at "
+                f"{np.degrees(np.arctan(last)):.4g} deg"
+            )
+        return c * distorted_radius(tangent, k)[0]
+
+    def undistorted_height(self, h: Array) -> Array:
+        return self.principal_distance * undistorted_radius(
+            h / self.principal_distance, self.brown[:3]
+        )
+
+    def stretch(self, ideal: Array) -> tuple[Array, Array]:
+        if not any(self.brown[:3]):
+            return super().stretch(ideal)
+        tangent = ideal / self.principal_distance
+        radius, rate = distorted_radius(tangent, self.brown[:3])
+        with np.errstate(invalid="ignore"):
+            return rate, np.where(tangent == 0.0, 1.0, radius / tangent)
+
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        origins, ideal = self.entrance_pupil_points(pupil), self.undistorted(image)
+        slopes = ideal / self.principal_distance - origins[:, :2] / self.from_pupil
+        return origins, np.concatenate([slopes, np.ones((len(ideal), 1))], axis=1)
+
+    def image_of(self, points: Array, directions: Array) -> Array:
+        scale = self.principal_distance / self.from_pupil
+        return self.distorted(scale * crossing(points, directions, self.focus_distance_mm))
+
+    def falloff(self, image: Array, pupil: Array | None = None) -> Array:
+        """Return cos^4 at the imager, multiplied by the compression by distortion."""
+        ideal = self.undistorted(image) / self.principal_distance
+        tangent = ideal if pupil is None else ideal + pupil / (2 * self.image_f_number())
+        return cos4(tangent) * shrinkage(ideal, self.brown)
+
+
+# -- Telecentric lens ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Orthographic(Lens):
+    """Telecentric lens: chief rays parallel to the axis, ``h = mu x``.
+
+    ``working_f_number`` is the image-side F-number, as in data sheets of telecentric lenses.
+
+    >>> lens = Orthographic(magnification=0.1, working_f_number=4.0, focus_distance_mm=20.0)
+    >>> round(float(lens.blur(24.0)), 12)  # mu^2 (L - L0) / F_w
+    0.01
+    """
+
+    magnification: float
+    working_f_number: float
+    focus_distance_mm: float
+
+    KIND: ClassVar[str] = "orthographic"
+    TELECENTRIC: ClassVar[bool] = True
+    PARAMETERS: ClassVar[dict[str, Parameter]] = {
+        "magnification": Parameter("", 1e-5, 1e3, "image size relative to object size (mu)"),
+        "working_f_number": F_NUMBER,
+        "focus_distance_mm": Parameter(
+            "mm", -1e6, 1e6, "object distance in focus (L0), from the mirror vertex"
+        ),
+    }
+
+    def __post_init__(self) -> None:
+        self._check()
+
+    def ideal_height(self, x: Array, w: Array) -> Array:
+        return self.magnification * x
+
+    def ideal_height_rate(
+        self, x: Array, w: Array, slope: Array, drift: Array | float = 0.0
+    ) -> Array:
+        return np.full_like(x, self.magnification)
+
+    @property
+    def stop_number(self) -> float:
+        return self.working_f_number
+
+    @property
+    def aperture_slope(self) -> float:
+        """Object-side slope of the marginal rays against the axis."""
+        return self.magnification / self.working_f_number / 2
+
+    def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
+        slopes = self.aperture_slope * pupil
+        towards = np.concatenate([slopes, -np.ones((len(pupil), 1))], axis=1)
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        return towards
+
+    def entrance_pupil_motion(self, pupil: Array, chief: Array | None = None) -> Array:
+        towards = self.entrance_pupil_points(pupil)
+        turn = np.eye(2, 3) - towards[:, None, :] * towards[:, :2, None]
+        motion: Array = -self.aperture_slope * towards[:, 2:, None] * turn
+        return motion
+
+    def rays(self, image: Array, pupil: Array) -> tuple[Array, Array]:
+        in_focus = np.concatenate(
+            [image / self.magnification, np.full((len(image), 1), self.focus_distance_mm)], 1
+        )
+        return in_focus, -self.entrance_pupil_points(pupil)
+
+    def image_of(self, points: Array, directions: Array) -> Array:
+        return self.magnification * crossing(points, directions, self.focus_distance_mm)
+
+    def focus_coordinate(self, L: ArrayLike) -> Array:
+        """Return the distance L itself."""
+        return coordinates("L", L)
+
+    def distance_of(self, coordinate: ArrayLike) -> Array:
+        return coordinates("coordinate", coordinate)
+
+    def through_focus(self, coordinate: Any, mode: BlurMode = "exact") -> ThroughFocus:
+        choice("mode", mode, BLUR_MODES)
+        F = self.working_f_number
+        return ThroughFocus(-(self.magnification**2) / F, 1.0, F)
+
+    def depth_of_field(self, tolerance: float, mode: BlurMode = "exact") -> DepthOfField:
+        choice("mode", mode, BLUR_MODES)
+        half_depth = (
+            number("tolerance", tolerance, low=0, unit="mm")
+            * self.working_f_number
+            / self.magnification**2
+        )
+        return DepthOfField(
+            self.focus_distance_mm - half_depth, self.focus_distance_mm + half_depth
+        )

@@ -49,7 +49,7 @@ def _check(name: str, cls: Any) -> None:
         raise InvalidParameter(
             f"{cls.__name__}.KIND must be {name!r}, its registered name; got {format_value(kind)}"
         )
-    names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+    names = [f.name for f in fields(cls)]  # type: ignore[arg-type]  # subclasses are dataclasses
     if list(getattr(cls, "PARAMETERS", {})) != names or "rim_radius_mm" not in names:
         raise InvalidParameter(
             f"{cls.__name__}.PARAMETERS must describe the fields {', '.join(names)} in "
@@ -120,7 +120,8 @@ def register_mirror(cls: type[M]) -> type[M]:
     ...     rim_radius_mm: float
     ...     KIND: ClassVar[str] = "docs-bowl"
     ...     PARAMETERS: ClassVar[dict[str, Parameter]] = {
-    ...         "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim over the vertex"), "rim_radius_mm": RIM_RADIUS,
+    ...         "depth_mm": Parameter("mm", 0.1, 1e3, "height of the rim above the vertex"),
+    ...         "rim_radius_mm": RIM_RADIUS,
     ...     }
     ...     def profile(self, x_mm):
     ...         u = np.asarray(x_mm, dtype=float) / self.rim_radius_mm

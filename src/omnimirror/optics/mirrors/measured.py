@@ -123,7 +123,7 @@ def fitted(x: Array, z: Array, smooth_apex: bool, uncertainty_mm: float | None) 
         raise InvalidParameter(
             f"uncertainty_um must be at least {residual * 1e3 / TOO_ROUGH:.2g}: the points "
             f"of the profile scatter by {residual * 1e3:.3g} um about the smoothest "
-            f"admissible curve; got {uncertainty_mm * 1e3:g}; omit it to have it estimated"
+            f"admissible curve; got {uncertainty_mm * 1e3:g}; omit it to estimate it"
         )
     return fit
 

@@ -108,9 +108,14 @@ class Mirror(ABC):
             data = file.followed(data, folder)
         return data
 
+    @classmethod
+    def file_entries(cls) -> dict[str, tuple[str, ...]]:
+        """Return the entries of a mirror table that name a file, with the entries that it provides."""
+        return {file.entry: file.columns for file in cls.FILES}
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the parameters only; cached results are recomputed."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]  # subclasses are dataclasses
 
     def _check(self) -> None:
         """Check that all parameters are in range and that the surface extends to the rim."""
@@ -119,7 +124,7 @@ class Mirror(ABC):
 
     def _check_parameters(self) -> None:
         check_fields(self)
-        for f in fields(self):  # type: ignore[arg-type]
+        for f in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
             if (value := getattr(self, f.name)) is not None:
                 self.PARAMETERS[f.name].check(f.name, value)
 

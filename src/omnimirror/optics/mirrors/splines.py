@@ -178,7 +178,7 @@ class SampledProfile(Mirror):
 
     x_mm: tuple[float, ...]
     z_mm: tuple[float, ...]
-    rim_radius_mm: float | None = None  # type: ignore[assignment]
+    rim_radius_mm: float | None = None  # type: ignore[assignment]  # optional here, set from the knots
     apex: str = "smooth"
     uncertainty_um: float | None = None
 
@@ -295,4 +295,4 @@ class SampledProfile(Mirror):
         there = (x >= 0.0 if self.apex == "pointed" else np.abs(x) <= self.x_mm[-1]) & (
             x <= self.x_mm[-1]
         )
-        return tuple(np.where(there, a, np.nan) for a in (z, slope, curvature))  # type: ignore[return-value]
+        return tuple(np.where(there, a, np.nan) for a in (z, slope, curvature))  # type: ignore[return-value]  # the length of the generator is fixed

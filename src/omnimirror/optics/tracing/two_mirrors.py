@@ -249,7 +249,7 @@ class TwoMirrorMeridian(Meridian):
         except NotOneToOne:
             if np.isinf(self.m):
                 raise NotOneToOne(
-                    "a telecentric lens requires a convex secondary: others do not widen its beam"
+                    "a telecentric lens requires a convex secondary, because other secondaries do not widen the beam"
                 ) from None
             raise NotOneToOne(
                 "the secondary must be convex, flat, or concave with its focus behind the "

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -160,6 +161,7 @@ DEFAULT_CONVENTIONS = {".glb": (1000.0, "y"), ".stl": (1.0, "z")}
 """Unit (mm) and upward axis defined by file formats."""
 SUN_DIRECTION = np.array([0.35, 0.5, 0.8]) / np.linalg.norm([0.35, 0.5, 0.8])
 SKY_FRACTION, SUN_FRACTION = 0.55, 0.45
+LINEAR_OF_BYTE = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
 
 
 def load_mesh(
@@ -229,7 +231,7 @@ def _meshes(path: Path) -> list[Any]:
             f"reading the mesh {path.name} requires trimesh: {extra_remedy('cad')}"
         ) from None
     if not path.exists():
-        raise MediaError(f"cannot find the mesh {path}")
+        raise MediaError(f"cannot read the mesh {path}: the file does not exist")
     check_mesh_file(path)
     try:
         loaded = trimesh.load_scene(path, process=False)
@@ -279,13 +281,16 @@ def _texture(visual: Any) -> Light | None:
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None:
         return None
-    rgba = np.asarray(image.convert("RGBA"), dtype=np.float32) / 255
-    colour = linear_from_srgb(rgba[..., :3]) * _linear_factor(
-        getattr(material, "baseColorFactor", None)
-    )
-    is_opaque = getattr(material, "alphaMode", None) in (None, "OPAQUE")
-    alpha = np.ones_like(rgba[..., 3:]) if is_opaque else rgba[..., 3:]
-    return np.ascontiguousarray(np.concatenate([colour * alpha, 1 - alpha], axis=-1), np.float32)
+    rgba = np.asarray(image.convert("RGBA"))
+    factor = _linear_factor(getattr(material, "baseColorFactor", None))
+    texels = np.asarray(cv2.LUT(rgba, LINEAR_OF_BYTE), np.float32)
+    texels[..., :3] *= factor
+    texels[..., 3] = 0
+    if getattr(material, "alphaMode", None) not in (None, "OPAQUE"):
+        alpha = rgba[..., 3:] / np.float32(255)
+        texels[..., :3] *= alpha
+        texels[..., 3:] = 1 - alpha
+    return texels
 
 
 def _linear_factor(factor: Any) -> NDArray[np.float32]:

@@ -14,12 +14,12 @@ from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
 from ...cameras.frames import pan_tilt_direction, view_axes
-from ._lighting import light_on
 from ._painting import (
     Canvas,
     Paint,
     Surroundings,
     illuminated_texels,
+    light_on,
     outer_faces,
     surfaces_of_faces,
 )

@@ -17,7 +17,6 @@ from ...base.errors import InvalidParameter
 from ...base.native import backend
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from ._lighting import light_on
 from ._painting import (
     Canvas,
     Extent,
@@ -26,6 +25,7 @@ from ._painting import (
     Surroundings,
     illuminated_texels,
     landscape_light,
+    light_on,
     outer_faces,
     surfaces_of_faces,
 )

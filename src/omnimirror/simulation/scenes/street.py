@@ -15,7 +15,6 @@ from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from ._lighting import under_sky
 from ._painting import (
     Canvas,
     Landscape,
@@ -24,6 +23,7 @@ from ._painting import (
     illuminated_texels,
     outer_faces,
     surfaces_of_faces,
+    under_sky,
 )
 from .scene import rays_from
 from .surfaces import Box, Face, combine_surfaces, face_of, tree_crown

@@ -102,7 +102,7 @@ def test_check_of_bundled_sensor(tmp_path):
     ("args", "message"),
     [
         ([], "specify a requirement file, or a field and a mirror by options"),
-        (["no.toml"], "requirement file 'no.toml' not found"),
+        (["no.toml"], "cannot read the requirement file no.toml: the file does not exist"),
         ([*COMMON, "--mirror", "spher"], "got mapping and family"),
         (["--mirror", "spher", *COMMON[2:]], "got 'spher'; did you mean sphere?"),
         ([*COMMON, "--set", "mirror.fit=poly:3"], "got 'poly:3'"),

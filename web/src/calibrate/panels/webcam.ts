@@ -84,7 +84,7 @@ export class WebcamPane {
       this.stage.replaceChildren(video, this.overlay);
       await this.offer(device);
       if (number !== this.number) return;
-      this.say("Show the target to the camera.");
+      this.say("Hold the target in front of the camera.");
       background(this.run(number));
     } catch (e) {
       if (number !== this.number) return;
@@ -146,7 +146,7 @@ export class WebcamPane {
     this.before = seen;
     if (seen.reason !== null)
       return this.say(
-        `${advice(together) || "Show the target to the camera."} Status: ${seen.reason}.`,
+        `${advice(together) || "Hold the target in front of the camera."} Status: ${seen.reason}.`,
       );
     if (together.not_new !== null)
       return this.say(advice(together) || `Move the target: ${together.not_new}.`);
@@ -179,7 +179,7 @@ export class WebcamPane {
 
 /** Return the recommended next position of the target. */
 const advice = ({ advice: all }: MultiImageSummary): string =>
-  all.find((sentence) => !sentence.startsWith("Take more images")) ?? "";
+  all.find((sentence) => !sentence.startsWith("Capture more images")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 async function frameOf(video: HTMLVideoElement): Promise<Blob> {

@@ -61,7 +61,7 @@ vec4 weights(float t, float a) {
 }`;
 
 const PROJECTION = `
-// As in omnimirror.dewarp.radial_table, over s = sin(Omega/2).
+// As in omnimirror.dewarp._source_coordinates, over s = sin(Omega/2).
 vec2 halfAngle(float across, float along) {
   float len = max(length(vec2(across, along)), 1e-20);
   float more = sqrt((len + abs(along)) / (2.0 * len));
@@ -190,7 +190,7 @@ vec3 cubic(vec2 p) {
   return clamp(total, 0.0, 1.0);
 }
 
-// As in omnimirror.dewarp._footprints: sides up to SHARP are reduced to zero, with a smooth transition above.
+// As in omnimirror.dewarp.sampling: sides up to SHARP are reduced to zero, with a smooth transition above.
 const float SHARP = 1.2, SPACING = 1.5;
 const int MOST_TAPS = 16;
 

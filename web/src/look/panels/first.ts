@@ -111,7 +111,7 @@ export class FirstLook {
           {},
           found
             ? "The mirror outline in this image is uncertain. "
-            : "The mirror outline is a guess. ",
+            : "The mirror outline is assumed. ",
           h(
             "button",
             { type: "button", className: "small", onclick: () => this.byHand() },
@@ -129,7 +129,7 @@ export class FirstLook {
     const file = h(
       "button",
       { type: "button", onclick: () => this.fromFile() },
-      "A camera with a file",
+      "A camera with a calibration file",
       h("small", {}, "sensor file or calibration file"),
     );
     const question = this.isKnown

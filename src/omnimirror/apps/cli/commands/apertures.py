@@ -15,8 +15,16 @@ from ....design.ranges import Range
 from ....optics.lenses import BlurMode
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import SENSOR, distance, number_or_range
+from .._declarations import (
+    SENSOR,
+    DocumentedCommand,
+    Options,
+    add_options,
+    distance,
+    number_or_range,
+    option,
+    setting,
+)
 from .._output import column_head, json_option, output_console, plain_table, print_written
 
 

@@ -23,9 +23,9 @@ from ....base.files import write_json
 from ....interop.batch import BatchStatus, load_job, plan, run, status
 from ....interop.batch.job import JOB_ENTRIES
 from ....interop.batch.planning import sensor_table
-from .._declarations import DocumentedCommand, file_entries
-from .._option_types import part
+from .._declarations import DocumentedCommand, file_entries, part
 from .._output import (
+    is_quiet,
     json_option,
     output_console,
     plain_table,
@@ -33,7 +33,6 @@ from .._output import (
     print_notice,
     print_written,
 )
-from .._process_state import is_quiet
 
 JOB = click.Path(path_type=Path, dir_okay=False)
 MAX_PRINTED_ERRORS = 10

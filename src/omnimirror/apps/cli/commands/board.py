@@ -12,8 +12,7 @@ from ....base.arguments import format_value
 from ....base.files import is_standard_output
 from ....calibration.targets.boards import KINDS, Board
 from ....calibration.targets.printing import PAPERS_MM, SUFFIXES, write_board
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import NUMBER
+from .._declarations import NUMBER, DocumentedCommand, Options, add_options, option, setting
 from .._output import output_option, print_line, print_written
 
 # -- Options of a calibration target ---------------------------------------------------------------
@@ -63,7 +62,7 @@ class OptionalBoardOptions(Options):
             return None
         columns, rows = self.board
         more = self.subset("marker_mm", "spacing", "family")
-        return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]
+        return Board(self.target, columns, rows, self.square_mm, legacy=self.legacy, **more)  # type: ignore[arg-type]  # types of the keywords depend on their names
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,17 @@ from ....simulation.detector import Detector
 from ....simulation.rendering import expose
 from ....simulation.scenes.scene import Pose, PosedScene
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import INTEGER, NUMBER, SENSOR, distance, values
+from .._declarations import (
+    INTEGER,
+    NUMBER,
+    SENSOR,
+    DocumentedCommand,
+    Options,
+    add_options,
+    distance,
+    option,
+    values,
+)
 from .._output import (
     IMAGE_FORMATS,
     column_head,

@@ -39,8 +39,17 @@ from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import angle, distance, full_image_size, pixel
+from .._declarations import (
+    DocumentedCommand,
+    Options,
+    add_options,
+    angle,
+    distance,
+    full_image_size,
+    option,
+    pixel,
+    setting,
+)
 from .._output import (
     Output,
     output_console,
@@ -214,14 +223,14 @@ class SurveyOptions(Options):
 @add_options(EstimationOptions, "estimation")
 @add_options(OrientationOptions, "orientation")
 @click.option(
-    "--multiple-boards", is_flag=True, help="Detect several such chessboards in each image."
+    "--multiple-boards", is_flag=True, help="Detect several chessboards of this size in each image."
 )
 @click.option("-o", "--output", type=Output(), help="Output camera file, TOML.")
-@click.option("--json", "json_path", type=Output(), help="Write all numbers as JSON.")
+@click.option("--json", "json_path", type=Output(), help="Write all results as JSON.")
 @click.option(
     "--report",
     type=Output(),
-    help="Write an HTML report; a folder also contains the figures, SVG.",
+    help="Write an HTML report; to a folder, also the figures as SVG.",
 )
 def command(
     images: tuple[str, ...],

@@ -14,8 +14,7 @@ from ....base.files import write_json
 from ....design.requirement_check import TemperatureRange, check_requirements, temperature_range
 from ....design.requirement_files import REQUIREMENT_ENTRIES, load_requirements
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, file_entries
-from .._option_types import SENSOR
+from .._declarations import SENSOR, DocumentedCommand, file_entries
 from .._output import json_option, output_console, print_written
 from ._design_report import EXIT_MISSED, print_verdict
 

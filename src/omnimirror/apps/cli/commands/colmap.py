@@ -17,8 +17,18 @@ from ....io.batch import expand_inputs
 from ....optics.sensor_files import load_camera
 from ....simulation.scenes.scene import Pose
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, flag, option, setting
-from .._option_types import INTEGER, SENSOR, angle, distance
+from .._declarations import (
+    INTEGER,
+    SENSOR,
+    DocumentedCommand,
+    Options,
+    add_options,
+    angle,
+    distance,
+    flag,
+    option,
+    setting,
+)
 from .._output import json_option, output_console, plain_table, print_line, print_written
 from .._scene_options import percentage_bar
 

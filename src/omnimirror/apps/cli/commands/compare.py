@@ -11,8 +11,7 @@ from rich.text import Text
 
 from ....analysis.comparison import Comparison, compare
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand
-from .._option_types import SENSOR, distance
+from .._declarations import SENSOR, DocumentedCommand, distance
 from .._output import (
     json_option,
     output_console,

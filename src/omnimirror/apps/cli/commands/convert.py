@@ -15,8 +15,17 @@ from ....calibration.conversion import Conversion, convert
 from ....calibration.formats import FORMATS
 from ....cameras.frames import CameraLooks, Mount
 from ....cameras.models.camera_model import Optics
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import NUMBER, angle, distance, full_image_size
+from .._declarations import (
+    NUMBER,
+    DocumentedCommand,
+    Options,
+    add_options,
+    angle,
+    distance,
+    full_image_size,
+    option,
+    setting,
+)
 from .._output import (
     json_option,
     output_console,

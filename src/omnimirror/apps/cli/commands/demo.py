@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand
-from .._option_types import SENSOR
+from .._declarations import SENSOR, DocumentedCommand
 from .._output import output_console, print_line
 
 

@@ -21,15 +21,17 @@ from ....interop.ros_bags.bag_files import is_bag
 from ....io.images import format_of
 from .._camera_options import AutoOptions, CameraOptions, OrientationOptions
 from .._declarations import (
+    NUMBER,
     DocumentedCommand,
     Options,
     add_options,
+    distance,
     file_entries,
     flag,
     option,
     setting,
+    three_wavelengths,
 )
-from .._option_types import NUMBER, distance, three_wavelengths
 from .._output import (
     IMAGE_FORMATS,
     frame_rate_bar,
@@ -213,7 +215,7 @@ class VideoOptions(Options):
         type=NUMBER, metavar="S", help="Videos: start time.  [default: 0]"
     )
     duration_s: float | None = option(
-        type=NUMBER, metavar="S", help="Videos: duration.  [default: the rest]"
+        type=NUMBER, metavar="S", help="Videos: duration.  [default: to the end]"
     )
     keyframes: Path | None = option(
         type=click.Path(path_type=Path),
@@ -232,7 +234,7 @@ class VideoOptions(Options):
         """Return input range and output settings of a video; ``kind`` is the pipe format."""
         if kind is not None and kind not in PIPE_FORMATS:
             raise click.UsageError(_wrong_format("a video", PIPE_FORMATS, kind))
-        return VideoSettings(**self.given, pipe_format=kind)  # type: ignore[arg-type]
+        return VideoSettings(**self.given, pipe_format=kind)  # type: ignore[arg-type]  # types of the keywords depend on their names
 
 
 @click.command(

@@ -13,8 +13,8 @@ from rich.console import Console
 from ....analysis.camera_evaluation import CameraMapping, evaluate_camera
 from ....analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
 from ....analysis.focus import FOCUS_MERITS, best_focus
+from ....analysis.meridional_imaging import best_viewpoint
 from ....analysis.operating_conditions import at_temperature, thermal_motion_px
-from ....analysis.viewpoints import best_viewpoint
 from ....base.escaping import shell_command
 from ....base.quantities import QUANTITIES
 from ....base.typing import Array
@@ -26,15 +26,20 @@ from ....optics.sensor_files import SENSOR_ENTRIES, lens_of, load_camera
 from ....optics.toml_validation import SourceLocator, merge_tables
 from ....optics.tracing.obscuration import obscuration_summary
 from .._declarations import (
+    NUMBER,
+    SENSOR,
     DocumentedCommand,
     Options,
     add_options,
+    distance,
     file_entries,
     flag,
+    focus,
     option,
+    pixel,
     setting,
+    values,
 )
-from .._option_types import NUMBER, SENSOR, distance, focus, pixel, values
 from .._output import (
     json_option,
     output_console,

@@ -27,8 +27,15 @@ from ....manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
 from ....manufacturing.tolerancing.tolerance_file import load_allocated_tolerances
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
-from .._declarations import DocumentedCommand, Options, add_options, file_entries, option, setting
-from .._option_types import SENSOR
+from .._declarations import (
+    SENSOR,
+    DocumentedCommand,
+    Options,
+    add_options,
+    file_entries,
+    option,
+    setting,
+)
 from .._output import (
     json_option,
     output_console,

@@ -20,8 +20,7 @@ from ....manufacturing.tolerancing.mirror_form import FormEffect, as_built, form
 from ....optics.mirrors import Mirror
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor, save_sensor
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import SENSOR
+from .._declarations import SENSOR, DocumentedCommand, Options, add_options, option, setting
 from .._output import (
     FIGURES,
     json_option,
@@ -76,7 +75,7 @@ class PointOptions(Options):
     formats=FIGURES,
     help="Figure of form, residuals, meridian and terms (PNG, SVG, PDF).",
 )
-@json_option("Write all numbers.")
+@json_option("Write all results as JSON.")
 def command(
     sensor: str,
     points: Path,

@@ -16,8 +16,16 @@ from ....optics.materials import METALS, Reflectivity
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import angles_of
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import SENSOR, angle, values
+from .._declarations import (
+    SENSOR,
+    DocumentedCommand,
+    Options,
+    add_options,
+    angle,
+    option,
+    setting,
+    values,
+)
 from .._output import (
     FIGURES,
     column_head,

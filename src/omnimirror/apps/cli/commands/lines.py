@@ -25,8 +25,16 @@ from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_camera, save_camera
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, option, setting
-from .._option_types import NUMBER, distance, full_image_size
+from .._declarations import (
+    NUMBER,
+    DocumentedCommand,
+    Options,
+    add_options,
+    distance,
+    full_image_size,
+    option,
+    setting,
+)
 from .._output import json_option, output_console, output_option, print_line, print_written
 
 

@@ -12,8 +12,7 @@ from ....base.errors import OmnimirrorError
 from ....base.files import write_json
 from ....design.mirror_construction import MountedMirror, mappings
 from ....optics.tracing.meridian import Meridian
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import NUMBER
+from .._declarations import NUMBER, DocumentedCommand, Options, add_options, option
 from .._output import (
     FIGURES,
     json_option,

@@ -8,8 +8,7 @@ import click
 
 from ....interop.view_maps import MAP_FORMATS, write_maps
 from ....optics.sensor_files import load_camera
-from .._declarations import DocumentedCommand, add_options
-from .._option_types import SENSOR
+from .._declarations import SENSOR, DocumentedCommand, add_options
 from .._output import output_console, output_option
 from .._view_options import ViewOptions
 from .rays import check_one_file, formats_option, print_exported_files

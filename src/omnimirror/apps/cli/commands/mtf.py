@@ -14,8 +14,7 @@ from ....base.quantities import QUANTITIES
 from ....base.typing import Array
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
-from .._declarations import DocumentedCommand, add_options, setting
-from .._option_types import SENSOR, values
+from .._declarations import SENSOR, DocumentedCommand, add_options, setting, values
 from .._output import (
     FIGURES,
     column_head,

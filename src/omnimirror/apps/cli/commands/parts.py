@@ -18,8 +18,15 @@ from ....design.component_selection import Combination, choose_parts
 from ....optics.lenses import Perspective
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor, save_sensor
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import NUMBER, SENSOR, distance
+from .._declarations import (
+    NUMBER,
+    SENSOR,
+    DocumentedCommand,
+    Options,
+    add_options,
+    distance,
+    option,
+)
 from .._output import (
     column_head,
     json_option,

@@ -13,8 +13,7 @@ from ....analysis.psf_mtf import Psf, psf
 from ....base.files import write_json
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ImageOptions
-from .._declarations import DocumentedCommand, add_options, setting
-from .._option_types import SENSOR
+from .._declarations import SENSOR, DocumentedCommand, add_options, setting
 from .._output import (
     FIGURES,
     column_head,

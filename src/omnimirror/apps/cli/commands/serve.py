@@ -13,8 +13,14 @@ from ....base.native import MAX_THREADS
 from ....dewarp.interfaces import Interpolation
 from ....interop.named_views import load_views
 from .._camera_options import CameraOptions, OrientationOptions
-from .._declarations import DocumentedCommand, add_options, file_entries, option, setting
-from .._option_types import IntegerRange
+from .._declarations import (
+    DocumentedCommand,
+    IntegerRange,
+    add_options,
+    file_entries,
+    option,
+    setting,
+)
 from .._output import print_notice
 from .studio import ListenOptions
 

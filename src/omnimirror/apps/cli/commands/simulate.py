@@ -30,6 +30,8 @@ from ....simulation.radiometry import Radiometry
 from ....simulation.rendering import render_light
 from ....simulation.scenes.scene import DistantScene, Pose, PosedScene, Scene
 from .._declarations import (
+    INTEGER,
+    SENSOR,
     DocumentedCommand,
     Options,
     add_options,
@@ -39,7 +41,6 @@ from .._declarations import (
     option,
     setting,
 )
-from .._option_types import INTEGER, SENSOR
 from .._output import (
     IMAGE_FORMATS,
     json_option,
@@ -112,7 +113,11 @@ class DistantOptions(Options):
 @add_options(DistantOptions, "distance")
 @add_options(RenderingOptions, "rendering")
 @file_entries("sensor file", SENSOR_ENTRIES)
-@output_option("--panorama", formats=IMAGE_FORMATS, help="Write a panorama of the light as well.")
+@output_option(
+    "--panorama",
+    formats=IMAGE_FORMATS,
+    help="Also write an equirectangular panorama of linear light.",
+)
 @output_option(
     "-o",
     "--output",
@@ -305,7 +310,7 @@ def _report_interruption(output: Path, done: int, what: str) -> None:
     "--reproduce",
     type=click.Path(path_type=Path),
     metavar="dataset.json",
-    help="Reproduce a dataset: its sensor and options, no others.",
+    help="Reproduce a dataset with its stored sensor and options.",
 )
 @click.option("--views", type=INTEGER, help="Number of images of the hall.  [default: 12]")
 @add_options(TrajectoryOptions, "trajectory")

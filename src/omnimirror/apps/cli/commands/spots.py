@@ -18,8 +18,7 @@ from ....base.typing import Array
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor
 from .._aperture_options import ObjectOptions
-from .._declarations import DocumentedCommand, add_options, option, setting
-from .._option_types import SENSOR, values
+from .._declarations import SENSOR, DocumentedCommand, add_options, option, setting, values
 from .._output import (
     FIGURES,
     column_head,

@@ -12,10 +12,8 @@ import click
 from ....base.errors import OmnimirrorError, extra_remedy
 from ....base.files import write_text
 from .._camera_options import OrientationOptions
-from .._declarations import DocumentedCommand, Options, add_options, option
-from .._option_types import IntegerRange
-from .._output import print_line, print_remark, progress_bar
-from .._process_state import is_quiet
+from .._declarations import DocumentedCommand, IntegerRange, Options, add_options, option
+from .._output import is_quiet, print_line, print_remark, progress_bar
 
 if TYPE_CHECKING:
     from ...studio._server_state import Studio
@@ -48,7 +46,7 @@ class ServerOptions(ListenOptions):
         "--folder",
         multiple=True,
         type=click.Path(exists=True, file_okay=False, path_type=Path),
-        help="Serve the images and videos of a folder as well.",
+        help="Also serve the images and videos of a folder.",
     )
 
 

@@ -33,15 +33,18 @@ from ....manufacturing.tolerancing.tolerance_file import (
 )
 from ....optics.sensor_files import load_sensor
 from .._declarations import (
+    NUMBER,
+    SENSOR,
     DocumentedCommand,
+    IntegerRange,
     Options,
     add_options,
     file_entries,
     flag,
     option,
+    part,
     setting,
 )
-from .._option_types import NUMBER, SENSOR, IntegerRange, part
 from .._output import (
     json_option,
     output_console,
@@ -154,7 +157,7 @@ class SweepOptions(Options):
 @output_option(
     "--report", "report_file", formats=("html",), help="Write an HTML report for the manufacturer."
 )
-@json_option("Write all numbers.")
+@json_option("Write all results as JSON.")
 def command(
     sensor: str,
     tolerances: str | None,

@@ -9,8 +9,7 @@ import click
 from ....base.files import write_json
 from ....calibration.uncertainty import uncertainty_map
 from ....optics.sensor_files import load_camera
-from .._declarations import DocumentedCommand
-from .._option_types import NUMBER
+from .._declarations import NUMBER, DocumentedCommand
 from .._output import (
     FIGURES,
     json_option,

@@ -68,7 +68,7 @@ def _is_live(source: str) -> bool:
     """
     live = is_video(source) and not Path(source).is_file()
     if live and Path(source).suffix and "://" not in source and not source.startswith("/dev/"):
-        raise MediaError(f"{source}: video not found")
+        raise MediaError(f"cannot read the video {source}: the file does not exist")
     if not live and not is_video(source):
         read_image(source)
     return live
