@@ -135,6 +135,8 @@ bench: $(VENV)/.full  ## Run the benchmarks; write tables to out/benchmarks
 	$(BIN)/python benchmarks/tolerance_rate.py --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_peers.py --out out/benchmarks
 	$(BIN)/python benchmarks/tolerance_cluster.py --out out/benchmarks
+	$(BIN)/python benchmarks/batch_throughput.py --out out/benchmarks
+	$(BIN)/python benchmarks/batch_kills.py --out out/benchmarks
 	$(BIN)/python benchmarks/slider_to_plots.py --out out/benchmarks
 	$(BIN)/python benchmarks/restoration_gain.py --out out/benchmarks
 	$(BIN)/python benchmarks/straightening_rate.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))

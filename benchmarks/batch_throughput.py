@@ -16,6 +16,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,7 +65,7 @@ def bare(folder: Path, job: BatchJob) -> Cost:
 
 
 def batch(job: BatchJob, scheduler: str) -> Cost:
-    """Return the cost of a run without its first tenth: start of workers and computation of maps."""
+    """Return the cost of a run, from its second half: without the start of workers and the maps."""
     marks: list[tuple[int, float]] = []
     status = om.batch.run(
         job,
@@ -73,21 +74,23 @@ def batch(job: BatchJob, scheduler: str) -> Cost:
     )
     assert status.failed == 0
     rows = sorted(row.finished for row in om.batch.plan(job).manifest.rows.values())
-    skipped = len(rows) // 10
+    skipped = len(rows) // 2
     wall = (rows[-1] - rows[skipped]) * len(rows) / (len(rows) - 1 - skipped)
-    (first, start), (last, end) = marks[1], marks[-1]
+    (first, start), (last, end) = marks[len(marks) // 2], marks[-1]
     return Cost(wall, (end - start) * len(rows) / (last - first))
 
 
-def measure(folder: Path, size: str, rounds: int) -> dict[str, list[Cost]]:
+def measure(folder: Path, size: str, rounds: int, address: str) -> dict[str, list[Cost]]:
     """Return the durations of all methods, interleaved."""
     methods: dict[str, Callable[[BatchJob], Cost]] = {
         "bare loop": lambda job: bare(folder, job),
         "batch, one thread": lambda job: batch(job, "threads"),
         "batch, one process": lambda job: batch(job, "processes"),
         "batch, two processes": lambda job: batch(job, "processes"),
-        "batch, Dask, two workers": lambda job: batch(job, "local"),
+        "batch, Dask, two workers": lambda job: batch(job, address),
     }
+    if not address:
+        del methods["batch, Dask, two workers"]
     times: dict[str, list[Cost]] = {name: [] for name in methods}
     for number in range(rounds):
         for name, method in methods.items():
@@ -122,6 +125,14 @@ def table(times: dict[str, list[Cost]], count: int) -> list[str]:
     return rows
 
 
+def cluster(stack: ExitStack) -> str:
+    """Start a cluster with two workers and return its address."""
+    from distributed import LocalCluster
+
+    started = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0")
+    return str(stack.enter_context(started).scheduler_address)
+
+
 def write_images(folder: Path, count: int, width: int) -> None:
     """Write a camera of a size and photographs as JPEG."""
     scale = width / 1024
@@ -144,15 +155,18 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--images", type=int, default=200)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--without-dask", action="store_true")
     options = parser.parse_args()
     lines = []
     load = other_load()
     with tempfile.TemporaryDirectory() as folder:
         write_images(Path(folder), options.images, 1024)
-        large = measure(Path(folder), "[1024, 256]", options.rounds)
+        with ExitStack() as stack:
+            address = "" if options.without_dask else cluster(stack)
+            large = measure(Path(folder), "[1024, 256]", options.rounds, address)
     with tempfile.TemporaryDirectory() as folder:
         write_images(Path(folder), 5 * options.images, 64)
-        small = measure(Path(folder), "[64, 16]", options.rounds)
+        small = measure(Path(folder), "[64, 16]", options.rounds, "")
     lines += [
         f"{options.images} JPEG images of 1024 x 1024 px to panoramas of 1024 x 256 px; {processor()}, "
         f"{os.cpu_count()} cores.{load}",

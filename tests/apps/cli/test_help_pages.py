@@ -56,7 +56,7 @@ def understand(line: str) -> None:
     """Reject command lines with unknown options or values of a wrong type, without running them."""
     first, name, *words = shlex.split(line)
     assert first == "omnimirror"
-    if name in ("simulate", "bracket", "tolerance") and f"{name} {words[0]}" in COMMANDS:
+    if name in ("simulate", "bracket", "tolerance", "batch") and f"{name} {words[0]}" in COMMANDS:
         name = f"{name} {words.pop(0)}"
     command = COMMANDS["simulate image" if name == "simulate" else name]
     command.make_context("command", words)
@@ -103,6 +103,8 @@ def test_help_fits_on_one_screen(words):
 
 TABLES = {"check", "sensors", "apertures", "bracket plan", "simulate roundtrip"}
 """Commands that write nothing but the printed table."""
+JOBS = {"batch plan", "batch run", "batch status"}
+"""Commands whose output is an entry of a file."""
 SERVERS = {"studio", "view", "serve"}
 
 
@@ -110,7 +112,7 @@ def test_outputs_have_the_same_option():
     for words, command in COMMANDS.items():
         outputs = [p for p in command.params if {"-o", "--output"} & set(p.opts)]
         assert [p.opts for p in outputs] == [["-o", "--output"]] * (
-            words not in TABLES | SERVERS
+            words not in TABLES | SERVERS | JOBS
         ), words
         arguments = [p for p in command.params if isinstance(p, click.Argument)]
         assert not any(isinstance(p.type, Output) for p in arguments), words

@@ -127,7 +127,7 @@ def test_lost_scheduler_without_restart_is_reported(tmp_path):
 
     write_archive(tmp_path, 40)
     job = job_of(tmp_path, more=f"{SENSOR}{VIEWS}[execution]\nper_block = 1\nreconnect_s = 0.5\n")
-    quiet = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    quiet = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "protocol": "tcp://"}
     started = threading.Event()
     with (
         ThreadPoolExecutor(1) as beside,

@@ -341,6 +341,26 @@ def test_command(tmp_path):
     )
 
 
+def test_interrupted_command_continues(tmp_path):
+    write_archive(tmp_path, 400)
+    text = f"[inputs]\nfiles = ['raw']\n[output]\nurl = \"out\"\n{SENSOR}{VIEWS}"
+    (tmp_path / "job.toml").write_text(text + "[execution]\nper_block = 4\n")
+    program = Path(sys.executable).with_name("omnimirror")
+    words = [program, "batch", "run", "job.toml", "--scheduler", "threads"]
+    run = subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 120
+    while len(list(tmp_path.glob("out/*.png"))) < 20 and run.poll() is None:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    run.send_signal(signal.SIGINT)
+    _, error = run.communicate(timeout=120)
+    assert run.returncode == 130
+    assert "stopped; repeat the command to continue" in error
+    job = tmp_path / "job.toml"
+    assert 20 <= om.batch.status(job).done < 800
+    assert om.batch.run(job, scheduler="threads").done == 800
+
+
 def test_core_loads_no_package_of_the_extra():
     code = (
         "import sys, omnimirror; from omnimirror.apps.cli import main\n"

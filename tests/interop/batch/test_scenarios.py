@@ -99,7 +99,7 @@ def test_warehouse(tmp_path, monkeypatch):
         execute(part, tmp_path)
         done = om.batch.status(tmp_path / "warehouse.toml").done
         assert done == 2 * 5 * 3  # 3 of 40 shards: numbers 2, 18 and 34
-        quiet = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+        quiet = {"processes": False, "n_workers": 1, "threads_per_worker": 2, "protocol": "tcp://"}
         with LocalCluster(**quiet, dashboard_address="127.0.0.1:0") as cluster:
             words = [w if "tcp://" not in w else cluster.scheduler_address for w in run]
             assert "400 of 400 outputs done" in execute(words, tmp_path)

@@ -267,6 +267,7 @@ class _Context:
         self.block, self.job, self.rows = block, block.job, rows
         execution = self.job.execution
         self.store = self.job.store()
+        self.processors: dict[str, ImageProcessor] = {}
         default = REMOTE_QUEUE if self.store.is_remote else 0
         configured = execution.write_behind
         self.write_behind = default if configured is None else configured
@@ -277,7 +278,10 @@ class _Context:
 
     def processor(self, item: PlannedItem) -> ImageProcessor:
         """Return the processor of the sensor of an input."""
-        return processor_of(self.job, self.block.sensors[item.sensor_digest])
+        digest = item.sensor_digest
+        if digest not in self.processors:
+            self.processors[digest] = processor_of(self.job, self.block.sensors[digest])
+        return self.processors[digest]
 
     def sources(self) -> Iterator[tuple[PlannedItem, SourceImage | str]]:
         """Yield the restored image of each input, or its error message."""

@@ -48,8 +48,6 @@ class BatchStatus(Result):
         Number of outputs, one per input and view.
     done, failed
         Number of completed outputs, and of those whose input cannot be processed.
-    stale
-        Number of existing outputs of a former sensor, view or version; 0 unless a plan was made.
     rate_per_s
         Outputs per second during the last minute of the run.
     remaining_s
@@ -68,7 +66,6 @@ class BatchStatus(Result):
     total: int
     done: int = 0
     failed: int = 0
-    stale: int = 0
     rate_per_s: float = 0.0
     errors: dict[str, str] = field(default_factory=dict)
     stopped_by: int = 0
@@ -97,7 +94,6 @@ class BatchStatus(Result):
             "done": self.done,
             "failed": self.failed,
             "pending": self.pending,
-            "stale": self.stale,
             "rate_per_s": self.rate_per_s,
             "remaining_s": self.remaining_s,
             "errors": self.errors,
@@ -347,7 +343,7 @@ def _status(store: Store, manifest: BatchManifest) -> BatchStatus:
     failed = [row for row in rows if row.status == FAILED]
     done = [row.finished for row in rows if row.status == DONE]
     errors = {row.input: row.error for row in sorted(failed, key=lambda r: r.input)[:MAX_ERRORS]}
-    return BatchStatus(record["total"], len(done), len(failed), 0, _rate(done), errors)
+    return BatchStatus(record["total"], len(done), len(failed), _rate(done), errors)
 
 
 def _rate(finished: list[float]) -> float:

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from ...base.arguments import file_name
 from ...base.block_runner import Retries
+from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import json_plain, parse_toml, read_text
 from ...io.batch import IMAGE_SUFFIXES, WRITABLE_VIDEO_SUFFIXES
@@ -235,7 +236,7 @@ class BatchJob:
         """Return the store of a URL, by default of the outputs."""
         return Store(url or self.output_url, self.storage, self.retries)
 
-    @property
+    @cached_property
     def view_digests(self) -> dict[str, str]:
         """Digests of the views with all settings that affect their pixels."""
         common: list[Any] = [

@@ -13,6 +13,7 @@ import json
 import os
 import socket
 import time
+import weakref
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -114,11 +115,8 @@ class ManifestWriter:
                 path = Path(self.store.url(f"{self.name}.jsonl"))
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+                weakref.finalize(self, os.close, self.handle)
         os.write(self.handle, row.line())
-
-    def __del__(self) -> None:
-        if self.handle is not None:
-            os.close(self.handle)
 
     def flush(self) -> None:
         """Write the pending rows of all threads as an object."""
