@@ -29,6 +29,12 @@ PLAUSIBLE = 0.05
 """Probability above which no further test is made."""
 MOVED_GAIN = 100.0
 """Minimum gain of two centres in the sum of squares over the noise variance."""
+SPLIT_SCATTER = 0.65
+"""Minimum fraction of the gain of all centres above the noise.
+
+The best split of any number of centres explains 2 / pi of a normal scatter along a line, and half of
+that in the plane.
+"""
 FLIPPED_GAIN, CLEAN = 25.0, 2.0
 """Minimum gain of a flip, and maximum remaining gain of separate centres.
 
@@ -320,6 +326,7 @@ def _two_centres(adjustment: BundleAdjustment) -> tuple[Mask, float] | None:
     is_significant = (
         distance > MOVED_PX
         and total_gain > MOVED_GAIN
+        and total_gain * (1 - SPLIT_SCATTER) > SPLIT_SCATTER * (remaining_gain - degrees_of_freedom)
         and _chance(total_gain, remaining_gain, count, degrees_of_freedom) < CHANCE
     )
     return (second, distance) if is_significant else None
