@@ -206,6 +206,16 @@ def test_equal_minimum_contributes_to_deviations():
 
 
 @pytest.mark.full
+def test_close_minimum_contributes_to_deviations():
+    """The fit ends at xi = 1.03; a minimum of equal depth at 1.10, behind a barrier, is the true one.
+    Its error was 10 standard deviations, and no combination was reported."""
+    truth = replace(TRUTH, xi=1.1, focal_px=(175.0, 175.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
+    found = calibrated(detections(truth, count=9, seed=102))
+    xi = found.parameters[0]
+    assert abs(xi.value - 1.1) < 3 * xi.sigma < 0.3
+    assert {"xi", "k1"} <= set(found.free[0].names)
+
+
 def test_board_numbering_from_any_corner_is_equivalent():
     """Detectors start at either end of 11 x 7 corners, and number them in reverse in a mirror
     image."""

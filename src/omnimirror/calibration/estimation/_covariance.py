@@ -35,6 +35,8 @@ MAX_FITS = 14  # in each direction of a valley
 FIT_STEPS, FIT_SETTLED = 12, 1e-6  # per fit along a valley
 GROWTH, SHRINKAGE = 1.6, 0.4  # factors of the step along a valley
 OTHER_XIS = (0.5, 0.7, 0.85, 1.0, 1.15, 1.3, 1.5, 1.8)  # initial values for other minima
+NEAR_XIS = (-0.1, -0.07, -0.04, 0.04, 0.07, 0.1)
+"""Further initial values, relative to the estimate: the minima may be as close and as narrow."""
 SAME_XI = 0.02
 HELD_STEPS, FREE_STEPS, ROUGHLY = 8, 20, 1e-4  # steps of these fits, xi held and free; tolerance
 HOPELESS = 500.0  # chi-square above that of the estimate, with xi held
@@ -201,10 +203,14 @@ def _valleys(adjustment: BundleAdjustment, number: int, sigma: float) -> Array |
         offsets = np.array([s.at for s in states])
         grid = np.linspace(offsets[0], offsets[-1], GRID)
         chi_square = PchipInterpolator(offsets, [s.chi_square for s in states])(grid)
-        likelihood = np.exp(-(chi_square - min_chi_square) / 2) * (grid[1] - grid[0])
+        likelihood = np.exp(-(chi_square - minimum.chi_square) / 2)
         deviations = PchipInterpolator(offsets, [s.values - start.values for s in states])(grid)
-        moments += np.einsum("t,tg,th->gh", likelihood, deviations, deviations)
-        total += float(likelihood.sum())
+        # weights by depth: the noise splits a valley into narrow minima, whose widths mean little
+        weight = float(np.exp(-(minimum.chi_square - min_chi_square) / 2))
+        moments += (
+            weight * np.einsum("t,tg,th->gh", likelihood, deviations, deviations) / likelihood.sum()
+        )
+        total += weight
     return moments / total if total > 0 else None
 
 
@@ -218,7 +224,7 @@ def _other_minima(start: _State, number: int) -> list[_State]:
     if not isinstance(fit.model, Unified) or "xi" in fit.fixed or "k1" in fit.fixed:
         return []
     minima = [start]
-    for xi in OTHER_XIS:
+    for xi in (*OTHER_XIS, *(fit.model.xi + offset for offset in NEAR_XIS)):
         focal = fit.model.scale_px * (1 + xi) / (1 + fit.model.xi)
         ratio = focal / fit.model.scale_px
         model = replace(

@@ -29,6 +29,12 @@ MIN_PLAUSIBLE_PROBABILITY = 0.05
 """Probability above which no further test is made."""
 MIN_MOTION_GAIN = 100.0
 """Minimum gain of two centres in the sum of squares over the noise variance."""
+MIN_SPLIT_FRACTION = 0.65
+"""Minimum fraction of the gain of all centres above the noise.
+
+The best split of any number of centres explains 2 / pi of a normal scatter along a line, and half of
+that in the plane.
+"""
 MIN_FLIPPED_GAIN, MAX_REMAINING_GAIN = 25.0, 2.0
 """Minimum gain of a flip, and maximum remaining gain of separate centres.
 
@@ -321,6 +327,8 @@ def _two_centres(adjustment: BundleAdjustment) -> tuple[Mask, float] | None:
     is_significant = (
         distance > SAME_CENTRE_PX
         and total_gain > MIN_MOTION_GAIN
+        and total_gain * (1 - MIN_SPLIT_FRACTION)
+        > MIN_SPLIT_FRACTION * (remaining_gain - degrees_of_freedom)
         and _chance(total_gain, remaining_gain, count, degrees_of_freedom) < MAX_SPLIT_PROBABILITY
     )
     return (second, distance) if is_significant else None
