@@ -393,7 +393,7 @@ def answer(message: DesignRequest) -> bytes:
         rows=checked.rows,
         requirements_trouble=checked.trouble,
         blocks=tuple(values.block for values in blocks),
-        deformed=on_bench(current) if message.bend is not None else None,
+        bent=on_bench(current) if message.bend is not None else None,
     )
     return framed(response, *(b.values.astype("<f4").tobytes() for b in blocks))
 
