@@ -68,9 +68,9 @@ def test_compiled_rays_match_double_precision(name, pose, flipped):
     )
     assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.fate))
     assert np.mean(fast.fate != slow.fate) < 1e-4  # rays that graze an edge
-    seen = (fast.fate == slow.fate) & (slow.fate != rays.HIDDEN)
+    seen = (fast.fate == slow.fate) & (slow.fate != rays.OBSCURED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-6)
-    hidden = (fast.fate == slow.fate) & (slow.fate == rays.HIDDEN)
+    hidden = (fast.fate == slow.fate) & (slow.fate == rays.OBSCURED)
     assert (
         np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3
     )  # rays that graze a ring

@@ -23,7 +23,7 @@ from ._footprints import (
     RULES,
     Footprints,
     squared_sides_of_circles,
-    squared_sides_of_nodes,
+    squared_sides_of_lattice,
     squared_sides_of_pixels,
 )
 from .interfaces import Annulus, Averages, Interpolation, Kernel, Map, Pixels, RemapJob
@@ -318,7 +318,7 @@ class LatticeMap:
 
     @cached_property
     def _footprints(self) -> Footprints:
-        squares = squared_sides_of_nodes(self.nodes, self.step, self.cells, self.patches)
+        squares = squared_sides_of_lattice(self.nodes, self.step, self.cells, self.patches)
         return Footprints(squares, self.step, self.annulus)
 
     def sample_compiled(self, job: RemapJob) -> None:

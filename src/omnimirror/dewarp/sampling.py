@@ -30,7 +30,7 @@ from ..base.native import backend
 from ..base.typing import Mask
 from ..cameras.camera import inside_image
 from ..io.images import OPAQUE
-from ._footprints import JUMP2, JUMP2_PX
+from ._footprints import JUMP_EXCESS_PX2, JUMP_RATIO2
 from .interfaces import (
     INTERPOLATIONS,
     KERNELS,
@@ -350,7 +350,10 @@ def _sides(middle: Values, before: Values, after: Values, averages: Averages) ->
     offsets = before - middle, after - middle
     squares = [(offset**2).sum(axis=-1) for offset in offsets]
     with np.errstate(invalid="ignore"):
-        missing = [np.isnan(s) | (s > JUMP2 * o + JUMP2_PX) for s, o in (squares, squares[::-1])]
+        missing = [
+            np.isnan(s) | (s > JUMP_RATIO2 * o + JUMP_EXCESS_PX2)
+            for s, o in (squares, squares[::-1])
+        ]
     none = missing[0] & missing[1]
     if averages.annulus is None:
         none |= np.isnan(squares[0]) | np.isnan(squares[1])

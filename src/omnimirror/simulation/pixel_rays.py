@@ -266,7 +266,7 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
 
 Fates = NDArray[np.uint8]
 
-LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # fate of a ray; values of the compiled kernels
+LOST, REFLECTED, DIRECT, OBSCURED = range(4)  # fate of a ray; values of the compiled kernels
 OUTLINE_LINES = 64  # lines from the vertex to the rim
 
 
@@ -284,7 +284,7 @@ class TracedRays(NamedTuple):
     hit: Mask
     """Mask (n,) of rays that meet the mirror."""
     fate: Fates
-    """Fate (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod
+    """Fate (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``OBSCURED`` by camera, rod
     or rim.
     """
 
@@ -307,8 +307,8 @@ def trace_to_scene(
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
         fate[~sensor.optical_train.passes_lens(start, towards)] = LOST
     obstructions = sensor.obstructions
-    fate[hit & obstructions.meets_front(points, directions, -towards)] = HIDDEN
-    fate[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
+    fate[hit & obstructions.meets_front(points, directions, -towards)] = OBSCURED
+    fate[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = OBSCURED
     return TracedRays(points, directions, towards, hit, fate)
 
 
@@ -433,7 +433,7 @@ def trace_pixels(
         trace_to_scene(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
         camera.obstructions,
     )
-    points, directions, hidden = (traced.points, _unit(traced.directions), traced.fate == HIDDEN)
+    points, directions, hidden = (traced.points, _unit(traced.directions), traced.fate == OBSCURED)
     valid = (traced.fate == REFLECTED) | (traced.fate == DIRECT)
     if (shell := obstructions.housing.shell) is not None:
         for disc in obstructions.discs:  # lids and the frame of a window

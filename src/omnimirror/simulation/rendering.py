@@ -27,8 +27,8 @@ from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
 from .image_tiles import BYTES, LIGHT, PixelConversion, Progress, Tile, render_tiles
 from .pixel_rays import (
     DIRECT,
-    HIDDEN,
     LOST,
+    OBSCURED,
     REFLECTED,
     Samples,
     ThroughShell,
@@ -58,7 +58,7 @@ class Bundle(NamedTuple):
     weight: NDArray[np.floating]
     """Transmitted fraction of the light; for hidden rays, of the light of the housing."""
     fate: NDArray[np.uint8]
-    """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
+    """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``OBSCURED`` by camera, rod or edge."""
 
 
 @validate_arguments
@@ -271,7 +271,7 @@ def gather_light(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     visible = (bundle.fate == REFLECTED) | (bundle.fate == DIRECT)
     light[visible] = scene.radiance(bundle.origins[visible], bundle.directions[visible])
     light *= bundle.weight[..., None]
-    hidden = bundle.fate == HIDDEN
+    hidden = bundle.fate == OBSCURED
     light[hidden] = radiometry.housing_light * bundle.weight[hidden, None]
     return light
 

@@ -295,7 +295,7 @@ def test_compiled_solver_matches_matrices(
     widening, noise = (np.full(roots.shape[:2], value, np.float32) for value in (2.0, 0.02))
     before = backend.name
     if instructions == "plain":
-        backend.kernels.use_instructions("plain")
+        backend.kernels.set_instruction_set("plain")
     try:
         one, other = (
             solve(
@@ -312,7 +312,7 @@ def test_compiled_solver_matches_matrices(
             apart = np.quantile(np.abs(got - wanted), [0.999, 0.5])
             assert (apart < 3 * np.array([of_thousandth, of_half])).all(), apart
     finally:
-        backend.kernels.use_instructions(before)
+        backend.kernels.set_instruction_set(before)
 
 
 @needs_compiled

@@ -76,9 +76,9 @@ def clutter(count: int, rng: np.random.Generator) -> Surfaces:
 @pytest.fixture(params=instructions())
 def every_instruction(request):
     before = backend.name
-    backend.kernels.use_instructions(request.param)
+    backend.kernels.set_instruction_set(request.param)
     yield
-    backend.kernels.use_instructions(before)
+    backend.kernels.set_instruction_set(before)
 
 
 @pytest.mark.usefixtures("every_instruction")

@@ -213,7 +213,7 @@ def _initial_distance(surface: SurfaceTable, start: Components, direction: Compo
         return (sag - start[2]) / direction[2]
     across = torch.sqrt(direction[0] * direction[0] + direction[1] * direction[1])
     tangent = across / direction[2]
-    position = (tangent * (CELLS / surface.tables.most_tangent)).clamp(0, CELLS)
+    position = (tangent * (CELLS / surface.tables.max_tangent)).clamp(0, CELLS)
     return surface.depth.value(surface.depth.locate(position)) / direction[2]
 
 
@@ -364,7 +364,7 @@ def _initial_point(surface: SurfaceTable, ends: Endpoints) -> tuple[Tensor, Tens
     position = ((omega - low) * (CELLS / (high - low))).clamp(0, CELLS)
     r = surface.by_omega.value(surface.by_omega.locate(position))
     rim = surface.mirror.rim_radius_mm
-    min_r = surface.tables.least_mm
+    min_r = surface.tables.min_radius_mm
     meridian_ends = ((0.0, 0.0, pupil_z), telecentric), ((across, 0.0, tz), distant)
     if not distant:
         max_step = MAX_STEP_LENGTH * rim

@@ -186,9 +186,9 @@ class MirrorTables:
         Distance from the axis as a function of the field angle about ``middle_mm``, between
         ``omegas``.
     depth : (k, 4) or None
-        Depth from the lens as a function of the ray's tangent, up to ``most_tangent``; None if
+        Depth from the lens as a function of the ray's tangent, up to ``max_tangent``; None if
         telecentric.
-    rim_mm, least_mm
+    rim_mm, min_radius_mm
         Radius of the rim, and of the excluded zone about the apex of a pointed mirror.
     """
 
@@ -198,9 +198,9 @@ class MirrorTables:
     cell_mm: float
     omegas: tuple[float, float]
     middle_mm: float
-    most_tangent: float
+    max_tangent: float
     rim_mm: float
-    least_mm: float
+    min_radius_mm: float
 
     @classmethod
     def of(cls, mirror: Mirror, pupil_distance: float) -> MirrorTables:
@@ -230,7 +230,7 @@ class MirrorTables:
 
     def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
         """Return kernel arguments of the surface, including the lens position."""
-        return (self.meridian, self.cell_mm, self.rim_mm, self.least_mm, *pupil, telecentric)
+        return (self.meridian, self.cell_mm, self.rim_mm, self.min_radius_mm, *pupil, telecentric)
 
 
 def radii(mirror: Mirror, cells: int = CELLS) -> Array:
@@ -288,7 +288,7 @@ def _depths(
 # complete the solution.
 
 SETTLED = 1e-7  # relative to the rim radius: convergence is quadratic from here
-SEEN, NOT_SETTLED = 1, 2  # states returned by the kernel
+VISIBLE, NOT_CONVERGED = 1, 2  # states returned by the kernel
 STEPS, FIRST_STEPS = 24, 6
 FIRST_CLOSE = 3e-5  # relative to the rim radius: limit of the first search
 REACH = (CELLS + CELLS_BEYOND_RIM) / CELLS
@@ -359,7 +359,7 @@ def compiled_reflection_points(
         states,
     )
     a, b, c = rows[5:]
-    is_shortest = (states != NOT_SETTLED) & (a > 0) & (a * c > b * b)
+    is_shortest = (states != NOT_CONVERGED) & (a > 0) & (a * c > b * b)
     positions: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
     return positions
 

@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "deblur/deblur.hpp"
+#include "deconvolution/deconvolution.hpp"
 #include "designs/designs.hpp"
 #include "exposure/exposure.hpp"
 #include "reflection/reflection.hpp"
@@ -73,12 +73,12 @@ Numbers meridian_of(const Sphere& sphere, int pieces, double cell) {
 }
 
 // The direction (3) of the ray from the lens after reflection at a point (x, y) of a sphere.
-void see_by(const Sphere& sphere, double x, double y, double* towards) {
+void reflected_direction(const Sphere& sphere, double x, double y, double* direction_to) {
     const double r = std::hypot(x, y), z = sphere.sag(r), tilt = r > 0 ? sphere.slope(r) / r : 0;
     const double in[3] = {x, y, z + DISTANCE}, normal[3] = {tilt * x, tilt * y, -1};
     double along = 0, square = 0, size = 0;
     for (int c = 0; c < 3; ++c) along += in[c] * normal[c], square += normal[c] * normal[c], size += in[c] * in[c];
-    for (int c = 0; c < 3; ++c) towards[c] = (in[c] - 2 * along / square * normal[c]) / std::sqrt(size);
+    for (int c = 0; c < 3; ++c) direction_to[c] = (in[c] - 2 * along / square * normal[c]) / std::sqrt(size);
 }
 
 // -- jobs -----------------------------------------------------------------------------------------------
@@ -93,7 +93,8 @@ OtherJob projection(Random& random) {
         radii.push_back(500 * q), origins.push_back(40 * q), origins.push_back(-20 * q * q);
     }
     return {"projection", 1e-10, [=] {
-                const Axial a{{0, 0, 1}, {1, 0, 0}, {0, 1, 0}, 500, 500, 999, 999, 0, 0.9, 0, 0, 0, 0, nullptr, nullptr, 3};
+                const Axial a{{0, 0, 1}, {1, 0, 0}, {0, 1, 0}, 500, 500, 999,     999,     0,
+                              0.9,       0,         0,         0,   0,   nullptr, nullptr, 3};
                 const AxialCamera camera(a, radii, origins);
                 const int64_t count = static_cast<int64_t>(targets.size() / 3);
                 Numbers pixels(2 * static_cast<size_t>(count)), excess(static_cast<size_t>(count));
@@ -104,14 +105,15 @@ OtherJob projection(Random& random) {
 }
 
 OtherJob designs(Random& random) {
-    const int count = count_between(random, 1, 70), angles = count_between(random, 2, 30), kind = count_between(random, 0, 3);
+    const int count = count_between(random, 1, 70), angles = count_between(random, 2, 30),
+              kind = count_between(random, 0, 3);
     constexpr int TERMS = 2;
     const bool paper = random() % 2;
-    Numbers coefficients, numbers, basis(3 * TERMS * static_cast<size_t>(angles)), fractions, walls;
+    Numbers coefficients, numbers, basis(3 * TERMS * static_cast<size_t>(angles)), fractions, surfaces;
     for (int d = 0; d < count; ++d) {
         coefficients.push_back(between(random, 0.3, 0.5)), coefficients.push_back(between(random, -0.05, 0.05));
         for (const double n : {between(random, 150, 250), 44.0, 11.6, 4.0, 50.0, 0.0, 0.0}) numbers.push_back(n);
-        for (const double n : {60.0, 63.0, -100.0, -103.0, 0.0, 100.0, 1.0}) walls.push_back(n);
+        for (const double n : {60.0, 63.0, -100.0, -103.0, 0.0, 100.0, 1.0}) surfaces.push_back(n);
     }
     for (int i = 0; i < angles; ++i) {
         const double u = static_cast<double>(i) / (angles - 1);
@@ -125,13 +127,36 @@ OtherJob designs(Random& random) {
     }
     return {"designs", 1e-9, [=] {
                 Numbers inverse(static_cast<size_t>(angles), 0.0);
-                Numbers columns(DESIGN_COLUMNS * static_cast<size_t>(count * angles)), results(3 * static_cast<size_t>(count));
+                Numbers columns(DESIGN_COLUMNS * static_cast<size_t>(count * angles)),
+                    results(3 * static_cast<size_t>(count));
                 const double* part = basis.data();
                 const int size = TERMS * angles;
-                evaluate_designs({coefficients.data(), numbers.data(), part, part + size, part + 2 * size, fractions.data(),
-                                  inverse.data(), count, TERMS, angles, false, paper, 0.083, 0, 550, 0,
-                                  {21, 0.1, 1e-9, 60, 0.05, 4}, {}, walls.data(), static_cast<Wall::Kind>(kind), 1.49, 1,
-                                  columns.data(), results.data(), results.data() + count, results.data() + 2 * count});
+                evaluate_designs({coefficients.data(),
+                                  numbers.data(),
+                                  part,
+                                  part + size,
+                                  part + 2 * size,
+                                  fractions.data(),
+                                  inverse.data(),
+                                  count,
+                                  TERMS,
+                                  angles,
+                                  false,
+                                  paper,
+                                  0.083,
+                                  0,
+                                  550,
+                                  0,
+                                  {21, 0.1, 1e-9, 60, 0.05, 4},
+                                  {},
+                                  surfaces.data(),
+                                  static_cast<DesignShell::Kind>(kind),
+                                  1.49,
+                                  1,
+                                  columns.data(),
+                                  results.data(),
+                                  results.data() + count,
+                                  results.data() + 2 * count});
                 append(columns, results);
                 return columns;
             }};
@@ -142,14 +167,15 @@ OtherJob reflections(Random& random) {
     constexpr int PIECES = 200;
     const double cell = RIM / PIECES;
     const int count = count_between(random, 1, 700);
-    const bool is_met = random() % 2;
+    const bool is_intersection = random() % 2;
     Numbers rays(3 * static_cast<size_t>(count));
     for (int i = 0; i < count; ++i) {
         const double r = between(random, 0, 0.95 * RIM), angle = between(random, 0, 6.3);
-        double towards[3];
-        see_by(sphere, r * std::cos(angle), r * std::sin(angle), towards);
-        const double way[3] = {r * std::cos(angle), r * std::sin(angle), sphere.sag(r) + DISTANCE};
-        for (int c = 0; c < 3; ++c) rays[static_cast<size_t>(c * count + i)] = is_met ? way[c] / way[2] : towards[c];
+        double direction_to[3];
+        reflected_direction(sphere, r * std::cos(angle), r * std::sin(angle), direction_to);
+        const double direction[3] = {r * std::cos(angle), r * std::sin(angle), sphere.sag(r) + DISTANCE};
+        for (int c = 0; c < 3; ++c)
+            rays[static_cast<size_t>(c * count + i)] = is_intersection ? direction[c] / direction[2] : direction_to[c];
     }
     return {"reflections", 1e-10, [=] {
                 const Numbers meridian = meridian_of(sphere, PIECES, cell);
@@ -158,20 +184,20 @@ OtherJob reflections(Random& random) {
                 const Numbers begin{0, RIM, 0, 0}, depth{DISTANCE, 0, 0, 0};
                 const ReflectionSurface surface{{meridian.data(), PIECES}, cell, RIM, 0, {0, 0, -DISTANCE}, false};
                 const ReflectionSearch search{40, 8, 1e-10, 1e-3, 0.3, 1.2, 1e-9};
-                Numbers rows(SEEN_ROWS * static_cast<size_t>(count));
+                Numbers rows(REFLECTION_ROWS * static_cast<size_t>(count));
                 std::vector<uint8_t> states(static_cast<size_t>(count));
-                const auto set = [&](auto& job, const double* (&parts)[3], int wanted) {
+                const auto set = [&](auto& job, const double*(&parts)[3], int row_count) {
                     for (int c = 0; c < 3; ++c) parts[c] = rays.data() + c * count;
-                    for (int r = 0; r < wanted; ++r) job.rows[r] = rows.data() + r * count;
+                    for (int r = 0; r < row_count; ++r) job.rows[r] = rows.data() + r * count;
                     job.count = count, job.states = states.data();
                 };
-                if (is_met) {
-                    MetJob job{surface, search, {depth.data(), 1}, 0.5, {}, 0, {}, nullptr};
-                    set(job, job.ways, MET_ROWS);
-                    meet_mirror(job);
+                if (is_intersection) {
+                    IntersectionJob job{surface, search, {depth.data(), 1}, 0.5, {}, 0, {}, nullptr};
+                    set(job, job.directions, INTERSECTION_ROWS);
+                    intersect_mirror(job);
                 } else {
-                    SeenJob job{surface, search, {begin.data(), 1}, {0, 2.2}, 0, true, {}, 0, {}, nullptr};
-                    set(job, job.targets, SEEN_ROWS);
+                    ReflectionJob job{surface, search, {begin.data(), 1}, {0, 2.2}, 0, true, {}, 0, {}, nullptr};
+                    set(job, job.targets, REFLECTION_ROWS);
                     find_reflections(job);
                 }
                 append(rows, states);
@@ -198,23 +224,36 @@ OtherJob trials(Random& random) {
     }
     for (int i = 0; i < objects; ++i) {
         const double r = between(random, 0.1, 0.8) * RIM, angle = between(random, 0, 6.3);
-        double towards[3];
-        see_by(sphere, r * std::cos(angle), r * std::sin(angle), towards);
-        targets.insert(targets.end(), towards, towards + 3);
+        double direction_to[3];
+        reflected_direction(sphere, r * std::cos(angle), r * std::sin(angle), direction_to);
+        targets.insert(targets.end(), direction_to, direction_to + 3);
         start.push_back(r * std::cos(angle)), start.push_back(r * std::sin(angle));
     }
     const size_t n = static_cast<size_t>(objects);
     const auto reference = randoms<double>(random, 2 * n, -200, 200), deg = randoms<double>(random, 4 * n, -1, 1);
     const auto area = randoms<double>(random, n, 50, 100), affine = randoms<double>(random, 2 * 2 * n, -0.1, 0.1);
-    const auto basis = randoms<double>(random, 3 * 2 * n, -0.1, 0.1), straight = randoms<double>(random, 3 * 2, 0.5, 1);
-    const auto bent = randoms<double>(random, 3 * 3, -1e-3, 1e-3), radial = randoms<double>(random, 2 * n, -0.1, 0.1);
+    const auto basis = randoms<double>(random, 3 * 2 * n, -0.1, 0.1), linear = randoms<double>(random, 3 * 2, 0.5, 1);
+    const auto quadratic = randoms<double>(random, 3 * 3, -1e-3, 1e-3),
+               radial = randoms<double>(random, 2 * n, -0.1, 0.1);
     return {"trials", 1e-7, [=] {
-                Numbers merits(static_cast<size_t>(count * TRIAL_MERITS)), moved(static_cast<size_t>(count) * 2 * n);
-                judge_trials({numbers.data(), count, terms, powers, true, RIM, {nullptr, 0, 1},
-                              {targets.data(), start.data(), reference.data(), deg.data(), area.data(), objects, true},
-                              {affine.data(), basis.data(), straight.data(), bent.data(), radial.data(), 2, 3, 2, 1, 3},
-                              {30, 1e-10, 1e-6, 0.2, 40}, static_cast<Refocus>(refocus), 1.0, merits.data(), moved.data()});
-                append(merits, moved);
+                Numbers merits(static_cast<size_t>(count * TRIAL_MERITS)),
+                    displacements(static_cast<size_t>(count) * 2 * n);
+                evaluate_trials(
+                    {numbers.data(),
+                     count,
+                     terms,
+                     powers,
+                     true,
+                     RIM,
+                     {nullptr, 0, 1},
+                     {targets.data(), start.data(), reference.data(), deg.data(), area.data(), objects, true},
+                     {affine.data(), basis.data(), linear.data(), quadratic.data(), radial.data(), 2, 3, 2, 1, 3},
+                     {30, 1e-10, 1e-6, 0.2, 40},
+                     static_cast<Refocus>(refocus),
+                     1.0,
+                     merits.data(),
+                     displacements.data()});
+                append(merits, displacements);
                 return merits;
             }};
 }
@@ -222,75 +261,86 @@ OtherJob trials(Random& random) {
 OtherJob exposures(Random& random) {
     const Sphere sphere{RADIUS};
     const int kind = count_between(random, 0, 2), samples = count_between(random, 1, 20);
-    const int rows = count_between(random, 1, 12), columns = count_between(random, 1, 60), nodes = count_between(random, 0, 1) * 100;
+    const int rows = count_between(random, 1, 12), columns = count_between(random, 1, 60),
+              nodes = count_between(random, 0, 1) * 100;
     const auto points = randoms<float>(random, 4 * static_cast<size_t>(samples), 0, 0.999);
     std::vector<float> texels(4 * 16 * (32 + 2));
     for (size_t row = 0; row < 16; ++row)
         for (size_t column = 0; column < 34; ++column)
             for (size_t c = 0; c < 3; ++c)
-                texels[4 * (34 * row + column) + c] = static_cast<float>(1 + std::sin(0.4 * static_cast<double>(column % 32 + row + c)));
+                texels[4 * (34 * row + column) + c] =
+                    static_cast<float>(1 + std::sin(0.4 * static_cast<double>(column % 32 + row + c)));
     Optics o;
     o.centre[0] = static_cast<float>(columns) / 2, o.centre[1] = static_cast<float>(rows) / 2;
-    o.scale[0] = o.scale[1] = 0.4f / static_cast<float>(columns), o.focus = 200, o.stop = 1.5f * static_cast<float>(random() % 2);
+    o.scale[0] = o.scale[1] = 0.4f / static_cast<float>(columns), o.focus = 200,
+    o.stop = 1.5f * static_cast<float>(random() % 2);
     o.distortion[0] = random() % 2 ? 0.05f : 0, o.vertex[2] = static_cast<float>(DISTANCE);
     o.curvature = static_cast<float>(1 / RADIUS), o.rim = static_cast<float>(RIM), o.natural_vignetting = 1;
-    o.body_radius = 10, o.lens_radius = 5, o.housing_light[0] = 0.1f, o.sees_past = random() % 2;
+    o.body_radius = 10, o.lens_radius = 5, o.housing_light[0] = 0.1f, o.direct_view = random() % 2;
     std::vector<MeridianNode> meridian;
     for (int i = 0; i <= nodes && nodes; ++i) {
         const double r = RIM * i / nodes;
-        meridian.push_back({static_cast<float>(sphere.sag(r)), static_cast<float>(sphere.slope(r)), static_cast<float>(sphere.bend(r))});
+        meridian.push_back({static_cast<float>(sphere.sag(r)), static_cast<float>(sphere.slope(r)),
+                            static_cast<float>(sphere.bend(r))});
     }
-    std::vector<Surface> walls;  // around the sensor; some are triangles
+    std::vector<Surface> parallelograms;  // around the sensor; some are triangles
     for (int i = 0; i < 60; ++i) {
         Surface s{};
         for (float& x : s.corner) x = static_cast<float>(between(random, -900, 900));
         for (auto& side : s.side)
             for (float& x : side) x = static_cast<float>(between(random, -500, 500));
         s.texel_side[0][0] = 30, s.texel_side[1][1] = 14, s.kind = i % 3 ? 0 : -1;
-        walls.push_back(s);
+        parallelograms.push_back(s);
     }
-    return {kind == 0 ? "light" : kind == 1 ? "rays" : "surfaces", 1e-4, [=] {
+    return {kind == 0   ? "light"
+            : kind == 1 ? "rays"
+                        : "surfaces",
+            1e-4, [=] {
                 Exposure e{o, {points.data(), samples, true, 7}, 0, columns};
                 e.optics.nodes = meridian.empty() ? nullptr : meridian.data();
                 e.optics.cells = nodes, e.optics.step = static_cast<float>(RIM / (nodes ? nodes : 1));
-                const size_t pixels = static_cast<size_t>(rows) * static_cast<size_t>(columns), rays = pixels * static_cast<size_t>(samples);
-                Numbers found;
+                const size_t pixels = static_cast<size_t>(rows) * static_cast<size_t>(columns),
+                             rays = pixels * static_cast<size_t>(samples);
+                Numbers results;
                 std::vector<float> light(3 * pixels), origins(3 * rays), directions(3 * rays), weights(rays);
                 std::vector<uint8_t> fates(rays);
                 if (kind == 0) {
                     expose(e, {texels.data(), 32, 16}, 0, rows, light.data());
-                    append(found, light);
+                    append(results, light);
                 } else if (kind == 1) {
                     expose(e, 0, rows, {origins.data(), directions.data(), weights.data(), fates.data()});
                     for (size_t i = 0; i < rays; ++i) {  // lost rays are absent
                         const bool counts = fates[i] != 0;
-                        found.push_back(fates[i]), found.push_back(counts ? weights[i] : 0);
+                        results.push_back(fates[i]), results.push_back(counts ? weights[i] : 0);
                         double size = 0;
                         for (size_t c = 3 * i; c < 3 * i + 3; ++c) size += double{directions[c]} * directions[c];
                         for (size_t c = 3 * i; c < 3 * i + 3; ++c) {
-                            found.push_back(counts ? origins[c] : 0);
-                            found.push_back(counts ? directions[c] / std::sqrt(size) : 0);
+                            results.push_back(counts ? origins[c] : 0);
+                            results.push_back(counts ? directions[c] / std::sqrt(size) : 0);
                         }
                     }
                 } else {
                     const std::shared_ptr<const float> shared(texels.data(), [](const float*) {});
-                    const Surfaces surfaces(walls, {{0, 34, 16, 0}}, shared);
+                    const Surfaces surfaces(parallelograms, {{0, 34, 16, 0}}, shared);
                     std::vector<int32_t> open(rays);
                     std::vector<float> open_rays(7 * rays);
-                    const int64_t many = expose(e, surfaces.tree(), 0, rows, light.data(), {open.data(), open_rays.data(), true});
-                    append(found, light);
-                    std::vector<float> seen(4 * rays), distances(rays);
+                    const int64_t open_count =
+                        expose(e, surfaces.tree(), 0, rows, light.data(), {open.data(), open_rays.data(), true});
+                    append(results, light);
+                    std::vector<float> radiance(4 * rays), distances(rays);
                     expose(e, 0, rows, {origins.data(), directions.data(), weights.data(), fates.data()});
-                    surfaces.radiance(origins.data(), directions.data(), static_cast<int64_t>(rays), seen.data(), distances.data());
-                    append(found, seen);
-                    found.push_back(static_cast<double>(many) / static_cast<double>(rays));
+                    surfaces.radiance(origins.data(), directions.data(), static_cast<int64_t>(rays), radiance.data(),
+                                      distances.data());
+                    append(results, radiance);
+                    results.push_back(static_cast<double>(open_count) / static_cast<double>(rays));
                 }
-                return found;
+                return results;
             }};
 }
 
 OtherJob deblurring(Random& random) {
-    const int width = count_between(random, 8, 60), height = count_between(random, 8, 50), channels = random() % 2 ? 1 : 3;
+    const int width = count_between(random, 8, 60), height = count_between(random, 8, 50),
+              channels = random() % 2 ? 1 : 3;
     BlurKernels blur{};
     blur.width = width, blur.height = height, blur.fineness = count_between(random, 1, 3);
     blur.block = 1 << count_between(random, 0, 3), blur.reach = 1;
@@ -298,7 +348,8 @@ OtherJob deblurring(Random& random) {
     const int f = blur.fineness, span = count_between(random, 1, 6);
     for (int n = 0; n < 3; ++n) {
         for (int i = 0; i < 6; ++i) {
-            const Tap tap{count_between(random, -span, span), count_between(random, -span, span), static_cast<float>(1.0 / 6)};
+            const Tap tap{count_between(random, -span, span), count_between(random, -span, span),
+                          static_cast<float>(1.0 / 6)};
             for (const int along : {tap.down, tap.right})
                 blur.reach = std::max(blur.reach, along < 0 ? (f - 1 - along) / f : along / f);
             blur.taps.push_back(tap);
@@ -314,16 +365,16 @@ OtherJob deblurring(Random& random) {
     const auto roots = randoms<float>(random, pixels * static_cast<size_t>(channels), 0.1, 1);
     const auto costs = randoms<float>(random, pixels, 1e-4, 1e-2);
     return {"deblurring", 1e-4, [=] {
-                Sharpening sharp(blur, channels, roots.data(), roots.data());
-                const SharpeningKernel& kernel = sharpening_kernel();
+                Deconvolution deconvolution(blur, channels, roots.data(), roots.data());
+                const DeconvolutionKernel& kernel = deconvolution_kernel();
                 const int32_t steps[] = {3};
                 std::vector<float> light(roots.size()), blurred(roots.size(), 0), steepness(pixels);
-                kernel.improve(sharp, costs.data(), steps);
-                kernel.light(sharp, light.data()), kernel.blurred(sharp, blurred.data());
-                kernel.log_steepness(sharp, steepness.data());
-                Numbers found;
-                append(found, light), append(found, blurred), append(found, steepness);
-                return found;
+                kernel.improve(deconvolution, costs.data(), steps);
+                kernel.light(deconvolution, light.data()), kernel.blurred(deconvolution, blurred.data());
+                kernel.log_steepness(deconvolution, steepness.data());
+                Numbers results;
+                append(results, light), append(results, blurred), append(results, steepness);
+                return results;
             }};
 }
 

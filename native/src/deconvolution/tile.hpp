@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "deblur.hpp"
+#include "deconvolution.hpp"
 
 namespace omnimirror {
 namespace {
@@ -34,7 +34,7 @@ inline void store(float* to, T lanes) {
 #endif
 
 // Inner loops are separate functions, in which all pointers fit into registers.
-#define OMNIMIRROR_APART __attribute__((noinline))
+#define OMNIMIRROR_NOINLINE __attribute__((noinline))
 
 // -- a tile ------------------------------------------------------------------------------------------------
 
@@ -43,37 +43,37 @@ inline void store(float* to, T lanes) {
 // each position.
 template <int C>
 struct Work {
-    Sharpening& s;
-    const Part& tile;
+    Deconvolution& s;
+    const TileBoxes& tile;
     const int f, reach, top, left;  // the pixel of the image at which the planes start
     const int64_t stride;
-    const Box explained, values;
-    const bool cut_left, cut_right;  // the tile is at an edge of the image, and kernels extend beyond it
+    const Box modelled, values;
+    const bool is_clipped_left, is_clipped_right;  // the tile is at an edge of the image, and kernels extend beyond it
     Plane memory;
     float *fine, *d, *product, *image, *x, *residual;  // image = fine^2, or fine d
     float *stiffness, *scale;
     float* slope2;  // (rows of pixels, C)
 
-    Work(Sharpening& sharpening, const Part& part)
+    Work(Deconvolution& sharpening, const TileBoxes& part)
         : s(sharpening),
           tile(part),
           f(s.blur.fineness),
           reach(s.blur.reach),
-          top(part.explained.top - reach - 1),
-          left(part.explained.left - s.tile_margin),
+          top(part.modelled.top - reach - 1),
+          left(part.modelled.left - s.tile_margin),
           stride(s.tile_stride),
-          explained(part.explained.moved(-top, -left)),
+          modelled(part.modelled.moved(-top, -left)),
           values(part.values.moved(-top, -left)),
-          cut_left(values.left > explained.left - reach),
-          cut_right(values.right < explained.right + reach),
-          memory(s.lend_memory()) {
+          is_clipped_left(values.left > modelled.left - reach),
+          is_clipped_right(values.right < modelled.right + reach),
+          memory(s.acquire_memory()) {
         const int64_t one = stride * f * s.tile_rows, all = C * one;
         memory.resize(static_cast<size_t>(6 * all + 2 * one + C * stride * s.tile_rows / f));
         float* next = memory.data();
         for (float** plane : {&fine, &d, &product, &image, &x, &residual}) *plane = next, next += all;
         stiffness = next, scale = next + one, slope2 = next + 2 * one;
     }
-    ~Work() { s.give_back(std::move(memory)); }
+    ~Work() { s.release_memory(std::move(memory)); }
     Work(const Work&) = delete;
     Work& operator=(const Work&) = delete;
 
@@ -87,7 +87,7 @@ struct Work {
 
 // Repeat values once at the borders, so that differences across them are 0.
 template <int C>
-void lengthen(const Work<C>& w, float* plane, int row) {
+void replicate_ends(const Work<C>& w, float* plane, int row) {
     for (int c = 0; c < C; ++c) {
         float *first = w.row_of(plane, row, c, 0), *last = w.row_of(plane, row, c, w.f - 1);
         last[w.values.left - 1] = first[w.values.left];
@@ -102,14 +102,14 @@ void lengthen(const Work<C>& w, float* plane, int row) {
 
 // Replicate the edge of the image beyond it.
 template <int C>
-void extend(const Work<C>& w, int row) {
+void replicate_edge(const Work<C>& w, int row) {
     for (int c = 0; c < C; ++c) {
         const float first = w.row_of(w.image, row, c, 0)[w.values.left];
         const float last = w.row_of(w.image, row, c, w.f - 1)[w.values.right - 1];
         for (int within = 0; within < w.f; ++within) {
             float* at = w.row_of(w.image, row, c, within);
-            if (w.cut_left) std::fill(at + w.values.left - w.reach, at + w.values.left, first);
-            if (w.cut_right) std::fill(at + w.values.right, at + w.values.right + w.reach, last);
+            if (w.is_clipped_left) std::fill(at + w.values.left - w.reach, at + w.values.left, first);
+            if (w.is_clipped_right) std::fill(at + w.values.right, at + w.values.right + w.reach, last);
         }
     }
     const auto copy_to = [&](int begin, int end) {
@@ -117,28 +117,28 @@ void extend(const Work<C>& w, int row) {
             std::memcpy(w.row_of(w.image, other, 0, 0), w.row_of(w.image, row, 0, 0), sizeof(float) * w.row_size());
     };
     const int first = w.f * w.values.top, end = w.f * w.values.bottom;
-    if (row == first) copy_to(w.f * (w.explained.top - w.reach), first);
-    if (row == end - 1) copy_to(end, w.f * (w.explained.bottom + w.reach));
+    if (row == first) copy_to(w.f * (w.modelled.top - w.reach), first);
+    if (row == end - 1) copy_to(end, w.f * (w.modelled.bottom + w.reach));
 }
 
 // The transpose: values spread beyond the image are added at its edge.
 template <int C>
-void fold(const Work<C>& w, int row) {
+void fold_edge(const Work<C>& w, int row) {
     const auto add_from = [&](int begin, int end) {
         for (int other = begin; other < end; ++other)
             for (int64_t i = 0; i < w.row_size(); ++i)
                 w.row_of(w.product, row, 0, 0)[i] += w.row_of(w.product, other, 0, 0)[i];
     };
     const int first = w.f * w.values.top, end = w.f * w.values.bottom;
-    if (row == first) add_from(w.f * (w.explained.top - w.reach), first);
-    if (row == end - 1) add_from(end, w.f * (w.explained.bottom + w.reach));
+    if (row == first) add_from(w.f * (w.modelled.top - w.reach), first);
+    if (row == end - 1) add_from(end, w.f * (w.modelled.bottom + w.reach));
     for (int c = 0; c < C; ++c) {
         float& first_value = w.row_of(w.product, row, c, 0)[w.values.left];
         float& last_value = w.row_of(w.product, row, c, w.f - 1)[w.values.right - 1];
         for (int within = 0; within < w.f; ++within) {
             const float* at = w.row_of(w.product, row, c, within);
-            for (int i = 1; w.cut_left && i <= w.reach; ++i) first_value += at[w.values.left - i];
-            for (int i = 0; w.cut_right && i < w.reach; ++i) last_value += at[w.values.right + i];
+            for (int i = 1; w.is_clipped_left && i <= w.reach; ++i) first_value += at[w.values.left - i];
+            for (int i = 0; w.is_clipped_right && i < w.reach; ++i) last_value += at[w.values.right + i];
         }
     }
 }
@@ -157,7 +157,7 @@ struct Group {
 
 // b_i = sum_j A_ij f_j of N pixels i of a group: f is the image from the first value of the pixels on, A their kernels.
 template <int C, int N>
-OMNIMIRROR_APART void blur_group(const Group& group, const float* image, int64_t channel, float* blurred) {
+OMNIMIRROR_NOINLINE void blur_group(const Group& group, const float* image, int64_t channel, float* blurred) {
     using Some = typename Vector<N>::Lanes;
     for (int n = 0; n < GROUP / N; ++n) {
         Some even[C] = {}, odd[C] = {};
@@ -175,7 +175,7 @@ OMNIMIRROR_APART void blur_group(const Group& group, const float* image, int64_t
 
 // p_j += A_ij b_i, the transpose. Taps of one row are not consecutive: a load would wait for the previous store.
 template <int C, int N>
-OMNIMIRROR_APART void spread_group(const Group& group, float* product, int64_t channel, const float* blurred) {
+OMNIMIRROR_NOINLINE void spread_group(const Group& group, float* product, int64_t channel, const float* blurred) {
     using Some = typename Vector<N>::Lanes;
     for (int n = 0; n < GROUP / N; ++n) {
         if (group.kernels[n] < 0) continue;
@@ -214,8 +214,8 @@ inline void for_groups(const Work<C>& w, int row, F f) {
     const BlurKernels& k = w.s.blur;
     const int blocks = GROUP / k.block;
     const int32_t* kernels =
-        k.kernels.data() + int64_t{blocks} * (k.groups() * int64_t{w.top + row} + (w.left + w.explained.left) / GROUP);
-    for (int x = w.explained.left; x < w.explained.right; x += GROUP, kernels += blocks)
+        k.kernels.data() + int64_t{blocks} * (k.groups() * int64_t{w.top + row} + (w.left + w.modelled.left) / GROUP);
+    for (int x = w.modelled.left; x < w.modelled.right; x += GROUP, kernels += blocks)
         if (std::any_of(kernels, kernels + blocks, [](int32_t kernel) { return kernel >= 0; }))
             f(Group{kernels, k.first_taps.data(), w.s.taps.data(), k.block}, w.row_size() * w.f * row + x, x);
 }
@@ -223,30 +223,30 @@ inline void for_groups(const Work<C>& w, int row, F f) {
 // product = A^T f(A image), row by row as soon as each is available: prepare(row) of the image; explain(row of pixels,
 // column, blurred group) modifies a group; finish(row) of the product.
 template <int C, class Prepare, class Explain, class Finish>
-void sweep(const Work<C>& w, Prepare prepare, Explain explain, Finish finish) {
+void sweep(const Work<C>& w, Prepare prepare, Explain transform_group, Finish finish) {
     const int f = w.f, reach = w.reach;
     const int64_t channel = f * w.stride;
     const auto clear = [&](int begin, int end) {
         if (begin < end) std::memset(w.row_of(w.product, begin, 0, 0), 0, sizeof(float) * w.row_size() * (end - begin));
     };
-    clear(f * (w.explained.top - reach), f * w.values.top);
-    clear(f * w.values.bottom, f * (w.explained.bottom + reach));
+    clear(f * (w.modelled.top - reach), f * w.values.top);
+    clear(f * w.values.bottom, f * (w.modelled.bottom + reach));
     for (int y = w.values.top; y < w.values.bottom + 2 * reach; ++y) {
         for (int row = f * y; y < w.values.bottom && row < f * (y + 1); ++row) {
             prepare(row);
-            extend(w, row);
+            replicate_edge(w, row);
             clear(row, row + 1);
         }
-        const int seen = y - reach, done = y - 2 * reach;
-        if (w.explained.top <= seen && seen < w.explained.bottom)
-            for_groups(w, seen, [&](const Group& group, int64_t place, int x) {
+        const int blurred_row = y - reach, finished_row = y - 2 * reach;
+        if (w.modelled.top <= blurred_row && blurred_row < w.modelled.bottom)
+            for_groups(w, blurred_row, [&](const Group& group, int64_t place, int x) {
                 float blurred[C * GROUP];
                 blur<C>(group, w.image + place, channel, blurred);
-                explain(seen, x, blurred);
+                transform_group(blurred_row, x, blurred);
                 spread<C>(group, w.product + place, channel, blurred);
             });
-        for (int row = f * done; done >= w.values.top && row < f * (done + 1); ++row) {
-            fold(w, row);
+        for (int row = f * finished_row; finished_row >= w.values.top && row < f * (finished_row + 1); ++row) {
+            fold_edge(w, row);
             finish(row);
         }
     }

@@ -1,4 +1,4 @@
-#include "deblur.hpp"
+#include "deconvolution.hpp"
 
 #include <algorithm>
 
@@ -14,7 +14,7 @@ int64_t stride_of(int64_t columns) { return LINE * (((columns + LINE - 1) / LINE
 
 // Write the columns of the initial image, smoothed so that pixel boundaries do not appear as edges: each value is the
 // mean of the pixels that overlap a square of one pixel size centred on it.
-void refine(const Sharpening& s, const float* roots, float* fine) {
+void refine(const Deconvolution& s, const float* roots, float* fine) {
     const int f = s.blur.fineness, width = s.blur.width, deep = f * s.blur.height;
     std::vector<float> means(static_cast<size_t>(width) + 2);  // column means, replicated at both ends
     for (int row = 0; row < deep; ++row)
@@ -38,7 +38,7 @@ void refine(const Sharpening& s, const float* roots, float* fine) {
 
 }  // namespace
 
-Sharpening::Sharpening(const BlurKernels& blur, int channels, const float* roots, const float* guess)
+Deconvolution::Deconvolution(const BlurKernels& blur, int channels, const float* roots, const float* guess)
     : blur(blur), channels(channels), stride(stride_of(blur.width + 1)) {
     const int f = blur.fineness;
     fine.resize(static_cast<size_t>(stride * f * channels * f * blur.height));
@@ -49,20 +49,20 @@ Sharpening::Sharpening(const BlurKernels& blur, int channels, const float* roots
     improved = fine;
 
     const int64_t columns = int64_t{GROUP} * blur.groups();
-    seen.assign(static_cast<size_t>(columns * channels * blur.height), -1.0f);
+    observed.assign(static_cast<size_t>(columns * channels * blur.height), -1.0f);
     for (int row = 0; row < blur.height; ++row)
         for (int x = 0; x < blur.width; ++x) {
             const int64_t pixel = int64_t{blur.width} * row + x;
             if (blur.known[static_cast<size_t>(pixel)])
                 for (int c = 0; c < channels; ++c)
-                    seen[static_cast<size_t>((int64_t{channels} * row + c) * columns + x)] =
+                    observed[static_cast<size_t>((int64_t{channels} * row + c) * columns + x)] =
                         roots[channels * pixel + c];
         }
 
     int wide = 0, tall = 0;
-    for (const Part& tile : blur.tiles) {
-        wide = std::max(wide, tile.explained.right - tile.explained.left);
-        tall = std::max(tall, tile.explained.bottom - tile.explained.top);
+    for (const TileBoxes& tile : blur.tiles) {
+        wide = std::max(wide, tile.modelled.right - tile.modelled.left);
+        tall = std::max(tall, tile.modelled.bottom - tile.modelled.top);
     }
     tile_margin = (blur.reach + GROUP - 1) / GROUP * GROUP + GROUP;
     tile_stride = stride_of(wide + GROUP + 2 * tile_margin);
@@ -74,7 +74,7 @@ Sharpening::Sharpening(const BlurKernels& blur, int channels, const float* roots
     }
 }
 
-Plane Sharpening::lend_memory() {
+Plane Deconvolution::acquire_memory() {
     std::lock_guard lock(mutex_);
     if (memory_.empty()) return {};
     Plane memory = std::move(memory_.back());
@@ -82,17 +82,17 @@ Plane Sharpening::lend_memory() {
     return memory;
 }
 
-void Sharpening::give_back(Plane memory) {
+void Deconvolution::release_memory(Plane memory) {
     std::lock_guard lock(mutex_);
     memory_.push_back(std::move(memory));
 }
 
 // Uses the instruction set selected for the samplers, or the plain kernel if there is none for it.
-const SharpeningKernel& sharpening_kernel() {
+const DeconvolutionKernel& deconvolution_kernel() {
 #if defined(OMNIMIRROR_AVX2)
-    if (kernels().level >= Level::AVX2) return avx2_sharpening;
+    if (kernels().level >= Level::AVX2) return avx2_deconvolution;
 #endif
-    return plain_sharpening;
+    return plain_deconvolution;
 }
 
 }  // namespace omnimirror

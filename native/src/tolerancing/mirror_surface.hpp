@@ -32,8 +32,9 @@ struct Formula {
     Profile at(double s) const {
         Profile p{0, 0, 0};
         if constexpr (IS_CONIC) {
-            const double root = root_of(1 - bend * s), inverse = 1 / root;
-            p = {curvature * s / (1 + root), curvature * inverse / 2, bend * curvature * inverse * inverse * inverse / 4};
+            const double root = sqrt_of(1 - bend * s), inverse = 1 / root;
+            p = {curvature * s / (1 + root), curvature * inverse / 2,
+                 bend * curvature * inverse * inverse * inverse / 4};
         }
         if constexpr (TERMS > 0) {
             const double u = s * unit;
@@ -50,17 +51,17 @@ struct Formula {
 
 struct Table {
     const double* pieces;
-    double last, inverse_step, least;
+    double last, inverse_step, min_radius;
 
     Table(const TrialJob& job, const double*)
         : pieces(job.table.coefficients),
           last(job.table.pieces - 1),
           inverse_step(1 / job.table.step),
-          least(1e-9 * job.rim) {}
+          min_radius(1e-9 * job.rim) {}
 
     Profile at(double s) const {
-        const double r = larger(root_of(s), least), q = r * inverse_step;
-        const int piece = static_cast<int>(smaller(q, last));  // NaN is assigned to the last piece
+        const double r = max_of(sqrt_of(s), min_radius), q = r * inverse_step;
+        const int piece = static_cast<int>(min_of(q, last));  // NaN is assigned to the last piece
         const double t = q - piece, *a = pieces + 6 * piece;
         double z = a[5], slope = 0, bend = 0;
 #pragma GCC unroll 8
@@ -121,12 +122,9 @@ struct Surface {
         const Profile p = shape.at(x * x + y * y);
         const Heights f = form.at(x, y);
         const double first = 2 * p.first, second = 4 * p.second;
-        return {p.value + f.z,
-                x * first + f.gx,
-                y * first + f.gy,
-                first + x * x * second + f.hxx,
-                x * y * second + f.hxy,
-                first + y * y * second + f.hyy};
+        return {p.value + f.z,          x * first + f.gx,
+                y * first + f.gy,       first + x * x * second + f.hxx,
+                x * y * second + f.hxy, first + y * y * second + f.hyy};
     }
 };
 

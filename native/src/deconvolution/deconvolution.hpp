@@ -1,11 +1,11 @@
 // Deconvolution of an image with a known blur, with the formulas and steps of
 // src/omnimirror/dewarp/restoration/_deconvolution.py.
 //
-// The sharp image is defined on a grid `fineness` times as fine as the pixels. Pixels are blurred in groups of eight
-// adjacent ones, in which all pixels of a block (up to the whole group) share one kernel. Columns of the fine grid are
-// stored by their position within the pixel (a row of the first columns, then a row of the second ones), so that the
-// values of a group are contiguous. A round processes the image tile by tile; each tile is a separate image that fits
-// into the CPU caches.
+// The sharp image is defined on a grid `fineness` times as fine as the pixels. Pixels are blurred in groups of
+// eight adjacent ones, in which all pixels of a block (up to the whole group) share one kernel. Columns of the fine
+// grid are stored by their position within the pixel (a row of the first columns, then a row of the second ones), so
+// that the values of a group are contiguous. A round processes the image tile by tile; each tile is a separate image
+// that fits into the CPU caches.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +25,8 @@ struct Box {  // of pixels; bottom and right are exclusive
 };
 
 // A tile of the image, as in Blur.tiles of dewarp/restoration/blur_model.py.
-struct Part {
-    Box kept, explained, values;
+struct TileBoxes {
+    Box core, modelled, values;
 };
 
 // A value of the fine grid that contributes to a pixel: its offset from the first value of that pixel.
@@ -36,13 +36,13 @@ struct Tap {
 };
 
 struct BlurKernels {
-    int width, height, fineness;      // of the image; fineness: values of the fine grid per pixel side
+    int width, height, fineness;  // of the image; fineness: values of the fine grid per pixel side
     std::vector<int32_t> first_taps;  // (kernels + 1), even: padded with zero weights
     std::vector<Tap> taps;
     int block;                     // adjacent pixels of a row that share one kernel: 1, 2, 4 or 8
     std::vector<int32_t> kernels;  // (height, groups * GROUP / block); -1 without known pixels
     std::vector<uint8_t> known;    // (height, width)
-    std::vector<Part> tiles;
+    std::vector<TileBoxes> tiles;
     std::vector<float> concentration;  // (height, width), of the weights in the kernel of each pixel
     int reach;                         // maximum extent of kernels beyond their pixel, px
 
@@ -58,11 +58,11 @@ struct PlacedTap {
 };
 
 // State of a deconvolution.
-class Sharpening {
+class Deconvolution {
   public:
     // From a blurred image, given by its square roots (height, width, channels), and an initial guess of the roots of
     // the sharp image.
-    Sharpening(const BlurKernels& blur, int channels, const float* roots, const float* guess);
+    Deconvolution(const BlurKernels& blur, int channels, const float* roots, const float* guess);
 
     // Index of the first value of a row of the fine grid, a channel, and a column position within the pixels.
     int64_t place(int row, int channel, int within) const {
@@ -73,7 +73,7 @@ class Sharpening {
     const int channels;
     const int64_t stride;
     Plane fine, improved;  // square roots of radiance, before and after a round; one column is repeated on the right
-    Plane seen;            // (height, channels, groups * GROUP) of the blurred image; below 0: unknown
+    Plane observed;        // (height, channels, groups * GROUP) of the blurred image; below 0: unknown
 
     // The planes of tiles have margins around the explained pixels: the reach of the kernels on both sides in columns,
     // and one more in rows.
@@ -81,8 +81,8 @@ class Sharpening {
     int tile_rows, tile_margin;
     std::vector<PlacedTap> taps;
 
-    Plane lend_memory();
-    void give_back(Plane memory);
+    Plane acquire_memory();
+    void release_memory(Plane memory);
 
   private:
     std::mutex mutex_;
@@ -90,21 +90,21 @@ class Sharpening {
 };
 
 // Kernels of one instruction set, implemented in a separate translation unit.
-struct SharpeningKernel {
+struct DeconvolutionKernel {
     // One round of improvement. costs (height, width) are the weights of the gradients; steps (tiles) are numbers of
     // steps, where 0 leaves a tile unchanged.
-    void (*improve)(Sharpening&, const float* costs, const int32_t* steps);
+    void (*improve)(Deconvolution&, const float* costs, const int32_t* steps);
     // Mean logarithms (height, width) of the gradient magnitude in each pixel.
-    void (*log_steepness)(const Sharpening&, float* logarithms);
+    void (*log_steepness)(const Deconvolution&, float* logarithms);
     // Radiance (height, width, channels) of the blurred image at known pixels.
-    void (*blurred)(Sharpening&, float* light);
+    void (*blurred)(Deconvolution&, float* light);
     // Radiance (height, width, channels) of the sharp image.
-    void (*light)(const Sharpening&, float* light);
+    void (*light)(const Deconvolution&, float* light);
 };
 
-extern const SharpeningKernel plain_sharpening;
-extern const SharpeningKernel avx2_sharpening;
+extern const DeconvolutionKernel plain_deconvolution;
+extern const DeconvolutionKernel avx2_deconvolution;
 
-const SharpeningKernel& sharpening_kernel();  // the kernel of the selected instruction set
+const DeconvolutionKernel& deconvolution_kernel();  // the kernel of the selected instruction set
 
 }  // namespace omnimirror

@@ -1,4 +1,4 @@
-#include "sides.hpp"
+#include "footprint_sides.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -7,7 +7,7 @@
 namespace omnimirror {
 namespace {
 
-constexpr int EVERY = 4;  // pixels of a patch between evaluated footprints, which change slowly
+constexpr int SAMPLING_STEP_PX = 4;  // pixels of a patch between evaluated footprints, which change slowly
 
 // Squared length; 0 if NaN.
 float squared(float x, float y) {
@@ -17,8 +17,8 @@ float squared(float x, float y) {
 
 void squares_of_patch(const float* patch, int step, float* out) {
     out[0] = out[1] = 0;
-    for (int row = 0; row < step; row += EVERY)
-        for (int column = 0; column < step; column += EVERY) {
+    for (int row = 0; row < step; row += SAMPLING_STEP_PX)
+        for (int column = 0; column < step; column += SAMPLING_STEP_PX) {
             const float *here = patch + 2 * (row * step + column), *right = here + 2, *below = here + 2 * step;
             out[0] = std::max(out[0], squared(right[0] - here[0], right[1] - here[1]));
             out[1] = std::max(out[1], squared(below[0] - here[0], below[1] - here[1]));
@@ -27,16 +27,16 @@ void squares_of_patch(const float* patch, int step, float* out) {
 
 }  // namespace
 
-void squared_sides_of_nodes(const float* x, const float* y, int step, const int32_t* cells, int cell_rows, int cell_columns,
-                      const float* patches, float* out) {
+void squared_sides_of_lattice(const float* x, const float* y, int step, const int32_t* cells, int cell_rows,
+                              int cell_columns, const float* patches, float* out) {
     const float scale = 0.5f / static_cast<float>(step);
     const ptrdiff_t columns = cell_columns + 3;
-    const auto side = [&](ptrdiff_t node, ptrdiff_t apart) {
-        return squared((x[node + apart] - x[node - apart]) * scale, (y[node + apart] - y[node - apart]) * scale);
+    const auto side = [&](ptrdiff_t node, ptrdiff_t offset) {
+        return squared((x[node + offset] - x[node - offset]) * scale, (y[node + offset] - y[node - offset]) * scale);
     };
     // The longest sides at the corners of a row of cells, above and below.
     std::vector<float> above(2 * static_cast<size_t>(cell_columns)), below(above.size());
-    const auto find_corners = [&](int row, std::vector<float>& longest) {
+    const auto corner_sides = [&](int row, std::vector<float>& longest) {
         const ptrdiff_t first = (row + 1) * columns + 1;
         float left[2] = {side(first, 1), side(first, columns)};
         for (int j = 0; j < cell_columns; ++j) {
@@ -45,9 +45,9 @@ void squared_sides_of_nodes(const float* x, const float* y, int step, const int3
                 longest[2 * static_cast<size_t>(j) + k] = std::max(left[k], right[k]), left[k] = right[k];
         }
     };
-    find_corners(0, above);
+    corner_sides(0, above);
     for (int i = 0; i < cell_rows; ++i) {
-        find_corners(i + 1, below);
+        corner_sides(i + 1, below);
         for (size_t k = 0; k < above.size(); ++k) *out++ = std::max(above[k], below[k]);
         above.swap(below);
     }

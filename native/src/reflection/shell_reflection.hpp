@@ -7,26 +7,26 @@
 #include <cstdint>
 
 #include "reflection.hpp"
-#include "walls.hpp"
+#include "shell_transmission.hpp"
 
 namespace omnimirror {
 
 // All quantities are in the frame of the shell, which is symmetric about the z axis.
-struct CoveredJob {
+struct ShellReflectionJob {
     CubicPieces meridian;  // as a function of the distance from the mirror axis
     double cell, rim;      // mm
-    Wall wall;
-    double ends[2];            // heights; of a tube
-    double turn[9], shift[3];  // of the mirror
+    Shell shell;
+    double ends[2];                // heights; of a tube
+    double rotation[9], shift[3];  // of the mirror
     int steps;
-    double longest, close;  // in rim radii: maximum step, and convergence tolerance
+    double max_step, tolerance;      // in rim radii: maximum step, and convergence tolerance
     const double *pupils, *targets;  // (count, 3): points, or directions to distant ones
     bool distant_pupils, distant_targets;
     long count;
     double* xy;  // (count, 2), in the mirror frame: initial values, replaced by the solution
-    std::uint8_t* settled;
+    std::uint8_t* converged;
 };
 
-void find_covered(const CoveredJob& job);
+void find_reflections_through_shell(const ShellReflectionJob& job);
 
 }  // namespace omnimirror

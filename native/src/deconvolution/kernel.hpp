@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "deblur.hpp"
+#include "deconvolution.hpp"
 #include "lanes.hpp"
 #include "pool.hpp"
 #include "tile.hpp"
@@ -15,7 +15,7 @@ namespace omnimirror {
 namespace {
 
 // As in dewarp/restoration/_deconvolution.py.
-constexpr float EDGE2 = 0.005f * 0.005f, DARK = 1e-4f, BRIGHTEST = 2.0f, SATURATED = 0.995f;
+constexpr float EDGE2 = 0.005f * 0.005f, DARK = 1e-4f, MAX_VALUE = 2.0f, SATURATED = 0.995f;
 
 template <class F>
 void in_parallel(int count, F f) {
@@ -29,8 +29,8 @@ struct Steepness {
     const float *here[3], *right[3], *below[3];
 
     template <int C>
-    float squared(int x, float most) const {
-        const auto cut = [most](float value) { return value < most ? value : most; };
+    float squared(int x, float limit) const {
+        const auto cut = [limit](float value) { return value < limit ? value : limit; };
         float square = EDGE2;
         for (int c = 0; c < C; ++c) {
             const float value = cut(here[c][x]), across = cut(right[c][x]) - value, down = cut(below[c][x]) - value;
@@ -66,7 +66,7 @@ Smoothness smoothness_of(const Work<C>& w, float* plane, int row, int c, int wit
 
 // Load the values before the round.
 template <int C>
-void fetch(const Work<C>& w) {
+void load_values(const Work<C>& w) {
     const Box& from = w.tile.values;
     for (int row = w.f * from.top; row < w.f * from.bottom; ++row) {
         const int here = row - w.f * w.top;
@@ -75,7 +75,7 @@ void fetch(const Work<C>& w) {
                 std::memcpy(w.row_of(w.fine, here, c, within) + w.values.left,
                             w.s.fine.data() + w.s.place(row, c, within) + from.left,
                             sizeof(float) * static_cast<size_t>(from.right - from.left));
-        lengthen(w, w.fine, here);
+        replicate_ends(w, w.fine, here);
     }
 }
 
@@ -91,27 +91,27 @@ void set_stiffness(const Work<C>& w, const float* costs, int row) {
         }
         float *stiffness = w.row_of(w.stiffness, row, within), *scale = w.row_of(w.scale, row, within);
         OMNIMIRROR_COLUMNS(x, w.values) {
-            stiffness[x] = cost[x] / std::sqrt(steepness.squared<C>(x, BRIGHTEST));
+            stiffness[x] = cost[x] / std::sqrt(steepness.squared<C>(x, MAX_VALUE));
             scale[x] = 1 / (4 * stiffness[x] + concentration[x]);  // see Blur.concentration
         }
     }
 }
 
-OMNIMIRROR_APART float pull_of_row(const Smoothness& of_fine, const float* product, const float* scale, float* residual,
-                                   const Box& box) {
+OMNIMIRROR_NOINLINE float gradient_of_row(const Smoothness& of_fine, const float* product, const float* scale,
+                                          float* residual, const Box& box) {
     const Smoothness smoothness = of_fine;
     float square = 0;
     OMNIMIRROR_COLUMNS(x, box) {
-        const float pull = smoothness.here[x] * product[x] - smoothness(x);
-        residual[x] = pull;
-        square += pull * pull * scale[x];
+        const float gradient = smoothness.here[x] * product[x] - smoothness(x);
+        residual[x] = gradient;
+        square += gradient * gradient * scale[x];
     }
     return square;
 }
 
 // Compute the residual of the quadratic terms at `fine`; return its scaled square.
 template <int C>
-double begin_round(const Work<C>& w, const float* costs) {
+double linearise(const Work<C>& w, const float* costs) {
     const int64_t columns = int64_t{GROUP} * w.s.blur.groups();
     double sum = 0;
     sweep(
@@ -126,13 +126,13 @@ double begin_round(const Work<C>& w, const float* costs) {
         },
         [&](int row, int x, float* blurred) {
             for (int c = 0; c < C; ++c) {
-                const float* seen = w.s.seen.data() + columns * (int64_t{C} * (w.top + row) + c) + w.left + x;
+                const float* observed = w.s.observed.data() + columns * (int64_t{C} * (w.top + row) + c) + w.left + x;
                 float *slope2 = w.slope2 + w.stride * (int64_t{C} * row + c) + x, *values = blurred + GROUP * c;
                 OMNIMIRROR_LANES(i, 0) {
                     const float level = std::sqrt(values[i] > DARK ? values[i] : DARK);
-                    const bool counts = seen[i] >= 0 && (seen[i] < SATURATED || level < seen[i]);
+                    const bool counts = observed[i] >= 0 && (observed[i] < SATURATED || level < observed[i]);
                     const float slope = counts ? 1 / level : 0;  // of sqrt(A u^2), without the factors A and u
-                    values[i] = slope * (seen[i] - level), slope2[i] = slope * slope;
+                    values[i] = slope * (observed[i] - level), slope2[i] = slope * slope;
                 }
             }
         },
@@ -140,8 +140,9 @@ double begin_round(const Work<C>& w, const float* costs) {
             for (int c = 0; c < C; ++c)
                 for (int within = 0; within < w.f; ++within) {
                     const Smoothness smoothness = smoothness_of(w, w.fine, row, c, within);
-                    sum += pull_of_row(smoothness, w.row_of(w.product, row, c, within), w.row_of(w.scale, row, within),
-                                       w.row_of(w.residual, row, c, within), w.values);
+                    sum +=
+                        gradient_of_row(smoothness, w.row_of(w.product, row, c, within), w.row_of(w.scale, row, within),
+                                        w.row_of(w.residual, row, c, within), w.values);
                     std::memset(w.row_of(w.x, row, c, within), 0, sizeof(float) * static_cast<size_t>(w.stride));
                 }
         });
@@ -153,8 +154,8 @@ struct Products {
     double with_d, square;
 };
 
-OMNIMIRROR_APART void turn_row(const float* fine, const float* scale, const float* product, float* residual, float* x,
-                               float* d, float* image, float step, float share, const Box& box) {
+OMNIMIRROR_NOINLINE void update_row(const float* fine, const float* scale, const float* product, float* residual,
+                                    float* x, float* d, float* image, float step, float share, const Box& box) {
     OMNIMIRROR_COLUMNS(i, box) {
         x[i] += step * d[i];
         residual[i] -= step * product[i];
@@ -163,8 +164,8 @@ OMNIMIRROR_APART void turn_row(const float* fine, const float* scale, const floa
     }
 }
 
-OMNIMIRROR_APART Products products_of_row(const Smoothness& of_d, const float* fine, const float* scale, float* product,
-                                          const Box& box) {
+OMNIMIRROR_NOINLINE Products products_of_row(const Smoothness& of_d, const float* fine, const float* scale,
+                                             float* product, const Box& box) {
     const Smoothness smoothness = of_d;
     float with_d = 0, square = 0;
     OMNIMIRROR_COLUMNS(x, box) {
@@ -179,7 +180,7 @@ OMNIMIRROR_APART Products products_of_row(const Smoothness& of_d, const float* f
 // Take the last step, set the next direction, which contains a share of the last one, and compute product = Hessian
 // times direction.
 template <int C>
-Products go_on(const Work<C>& w, float step, float share) {
+Products conjugate_step(const Work<C>& w, float step, float share) {
     Products sums{0, 0};
     sweep(
         w,
@@ -187,10 +188,10 @@ Products go_on(const Work<C>& w, float step, float share) {
             for (int c = 0; c < C; ++c)
                 for (int within = 0; within < w.f; ++within) {
                     const auto at = [&](float* plane) { return w.row_of(plane, row, c, within); };
-                    turn_row(at(w.fine), w.row_of(w.scale, row, within), at(w.product), at(w.residual), at(w.x),
-                             at(w.d), at(w.image), step, share, w.values);
+                    update_row(at(w.fine), w.row_of(w.scale, row, within), at(w.product), at(w.residual), at(w.x),
+                               at(w.d), at(w.image), step, share, w.values);
                 }
-            lengthen(w, w.d, row);
+            replicate_ends(w, w.d, row);
         },
         [&](int row, int x, float* blurred) {
             for (int c = 0; c < C; ++c) {
@@ -211,12 +212,12 @@ Products go_on(const Work<C>& w, float step, float share) {
     return sums;
 }
 
-// Write the solution, including the last step, to the image, clipped to [0, BRIGHTEST].
+// Write the solution, including the last step, to the image, clipped to [0, MAX_VALUE].
 template <int C>
-void keep(const Work<C>& w, float step) {
-    const Box &kept = w.tile.kept, &values = w.tile.values;
-    const int left = std::max(kept.left, values.left), right = std::min(kept.right, values.right);
-    const int top = std::max(kept.top, values.top), bottom = std::min(kept.bottom, values.bottom);
+void store_solution(const Work<C>& w, float step) {
+    const Box &core = w.tile.core, &values = w.tile.values;
+    const int left = std::max(core.left, values.left), right = std::min(core.right, values.right);
+    const int top = std::max(core.top, values.top), bottom = std::min(core.bottom, values.bottom);
     for (int row = w.f * top; row < w.f * bottom; ++row)
         for (int c = 0; c < C; ++c) {
             for (int within = 0; within < w.f; ++within) {
@@ -224,7 +225,7 @@ void keep(const Work<C>& w, float step) {
                 const float *fine = here(w.fine), *d = here(w.d), *solution = here(w.x);
                 float* improved = w.s.improved.data() + w.s.place(row, c, within);
                 for (int x = left; x < right; ++x)
-                    improved[x] = std::clamp(fine[x] + (solution[x] + step * d[x]), 0.0f, BRIGHTEST);
+                    improved[x] = std::clamp(fine[x] + (solution[x] + step * d[x]), 0.0f, MAX_VALUE);
             }
             if (right == w.s.blur.width) {
                 float* first = w.s.improved.data() + w.s.place(row, c, 0);
@@ -237,37 +238,37 @@ void keep(const Work<C>& w, float step) {
 // |product|^2 - |r|^2.
 template <int C>
 void improve_tile(const Work<C>& w, const float* costs, int steps) {
-    fetch(w);
-    double power = begin_round(w, costs);
+    load_values(w);
+    double power = linearise(w, costs);
     float step = 0, share = 0;
     for (int n = 0; n < steps && power > 0; ++n) {
-        const Products sums = go_on(w, step, share);
+        const Products sums = conjugate_step(w, step, share);
         step = static_cast<float>(power / sums.with_d);
         const double before = power;
         power = double{step} * step * sums.square - before;
         share = static_cast<float>(power / before);
     }
-    keep(w, step);
+    store_solution(w, step);
 }
 
 // Copy a tile unchanged, including the repeated column at the right edge of the image.
-inline void leave_tile(Sharpening& s, const Box& kept) {
-    const int f = s.blur.fineness, end = kept.right + (kept.right == s.blur.width);
-    for (int row = f * kept.top; row < f * kept.bottom; ++row)
+inline void leave_tile(Deconvolution& s, const Box& core) {
+    const int f = s.blur.fineness, end = core.right + (core.right == s.blur.width);
+    for (int row = f * core.top; row < f * core.bottom; ++row)
         for (int n = 0; n < s.channels * f; ++n) {
-            const int64_t first = s.place(row, 0, n) + kept.left;
-            std::copy_n(s.fine.data() + first, end - kept.left, s.improved.data() + first);
+            const int64_t first = s.place(row, 0, n) + core.left;
+            std::copy_n(s.fine.data() + first, end - core.left, s.improved.data() + first);
         }
 }
 
 template <int C>
-void improve_all(Sharpening& s, const float* costs, const int32_t* steps) {
+void improve_all(Deconvolution& s, const float* costs, const int32_t* steps) {
     in_parallel(static_cast<int>(s.blur.tiles.size()), [&](int i) {
-        const Part& tile = s.blur.tiles[static_cast<size_t>(i)];
+        const TileBoxes& tile = s.blur.tiles[static_cast<size_t>(i)];
         if (steps[i] > 0)
             improve_tile(Work<C>(s, tile), costs, steps[i]);
         else
-            leave_tile(s, tile.kept);
+            leave_tile(s, tile.core);
     });
     std::swap(s.fine, s.improved);
 }
@@ -284,7 +285,7 @@ inline float logarithm(float x) {  // accurate to the last bits, in vectorised l
 }
 
 template <int C>
-void log_all(const Sharpening& s, float* logarithms) {
+void log_all(const Deconvolution& s, float* logarithms) {
     const BlurKernels& k = s.blur;
     in_parallel(k.height, [&](int y) {
         const int f = k.fineness, deep = f * k.height;
@@ -316,17 +317,17 @@ void log_all(const Sharpening& s, float* logarithms) {
 template <int C>
 void blurred_tile(const Work<C>& w, float* light) {
     const BlurKernels& k = w.s.blur;
-    fetch(w);
+    load_values(w);
     for (int row = w.f * w.values.top; row < w.f * w.values.bottom; ++row) {
         for (int n = 0; n < C * w.f; ++n) {
             float* image = w.row_of(w.image, row, 0, n);
             const float* fine = w.row_of(w.fine, row, 0, n);
             OMNIMIRROR_COLUMNS(x, w.values) image[x] = fine[x] * fine[x];
         }
-        extend(w, row);
+        replicate_edge(w, row);
     }
-    const Box& kept = w.tile.kept;
-    for (int row = std::max(kept.top - w.top, w.explained.top); row < std::min(kept.bottom - w.top, w.explained.bottom);
+    const Box& core = w.tile.core;
+    for (int row = std::max(core.top - w.top, w.modelled.top); row < std::min(core.bottom - w.top, w.modelled.bottom);
          ++row)
         for_groups(w, row, [&](const Group& group, int64_t place, int x) {
             float blurred[C * GROUP];
@@ -334,20 +335,20 @@ void blurred_tile(const Work<C>& w, float* light) {
             for (int i = 0; i < GROUP; ++i) {
                 const int column = w.left + x + i;
                 const int64_t pixel = int64_t{k.width} * (w.top + row) + column;
-                if (column < kept.left || column >= kept.right || !k.known[static_cast<size_t>(pixel)]) continue;
+                if (column < core.left || column >= core.right || !k.known[static_cast<size_t>(pixel)]) continue;
                 for (int c = 0; c < C; ++c) light[C * pixel + c] = blurred[GROUP * c + i];
             }
         });
 }
 
 template <int C>
-void blurred_all(Sharpening& s, float* light) {
+void blurred_all(Deconvolution& s, float* light) {
     in_parallel(static_cast<int>(s.blur.tiles.size()),
                 [&](int i) { blurred_tile(Work<C>(s, s.blur.tiles[static_cast<size_t>(i)]), light); });
 }
 
 template <int C>
-void light_all(const Sharpening& s, float* light) {
+void light_all(const Deconvolution& s, float* light) {
     const BlurKernels& k = s.blur;
     in_parallel(k.height, [&](int y) {
         const int f = k.fineness;
@@ -368,17 +369,17 @@ void light_all(const Sharpening& s, float* light) {
 
 // -- for any number of channels ----------------------------------------------------------------------------
 
-void improve(Sharpening& s, const float* costs, const int32_t* steps) {
+void improve(Deconvolution& s, const float* costs, const int32_t* steps) {
     s.channels == 1 ? improve_all<1>(s, costs, steps) : improve_all<3>(s, costs, steps);
 }
 
-void log_steepness(const Sharpening& s, float* logarithms) {
+void log_steepness(const Deconvolution& s, float* logarithms) {
     s.channels == 1 ? log_all<1>(s, logarithms) : log_all<3>(s, logarithms);
 }
 
-void blurred(Sharpening& s, float* light) { s.channels == 1 ? blurred_all<1>(s, light) : blurred_all<3>(s, light); }
+void blurred(Deconvolution& s, float* light) { s.channels == 1 ? blurred_all<1>(s, light) : blurred_all<3>(s, light); }
 
-void light(const Sharpening& s, float* light) { s.channels == 1 ? light_all<1>(s, light) : light_all<3>(s, light); }
+void light(const Deconvolution& s, float* light) { s.channels == 1 ? light_all<1>(s, light) : light_all<3>(s, light); }
 
 }  // namespace
 }  // namespace omnimirror

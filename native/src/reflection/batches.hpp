@@ -7,12 +7,12 @@ namespace omnimirror {
 
 // Call some(job, first, count) for batches of the job.count items.
 template <class Job>
-void in_pieces(const Job& job, int size, void (*some)(const Job& job, long first, int count)) {
+void in_batches(const Job& job, int size, void (*task)(const Job& job, long first, int count)) {
     struct Work {
         const Job& job;
         int size;
-        void (*some)(const Job& job, long first, int count);
-    } work{job, size, some};
+        void (*task)(const Job& job, long first, int count);
+    } work{job, size, task};
     parallel_for(
         static_cast<int>((job.count + size - 1) / size),
         [](void* context, int piece) {
