@@ -1,5 +1,5 @@
 // Evaluation of one design with an ideal lens, for pages without a server: the kernel of designs.hpp as WebAssembly,
-// called by web/src/bench/alone/kernel.ts.
+// called by web/src/design/standalone/kernel.ts.
 #include "designs/kernel.hpp"
 
 #define OMNIMIRROR_EXPORTED(name) extern "C" __attribute__((export_name(name)))

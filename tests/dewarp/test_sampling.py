@@ -430,7 +430,7 @@ def test_invalid_weights_raise():
             np.where(where, np.float32(value), good) if where.any() else good * np.float32(value)
         )
         for weights in ((wrong, good), (good, wrong)):
-            with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
+            with pytest.raises(ValueError, match=r"must sum to 1|must be finite"):
                 MODULE.remap_lattice(image, x, y, *weights, cells, patches, out, 1, 0)
     far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
         step, axis=1

@@ -172,7 +172,7 @@ def test_kernel_intersects_rays_with_the_mirror(kind, kernels):
         ({"states": np.zeros(8, np.uint8)}, r"states must have shape \(9,\); got \(8,\)"),
         ({"by_omega": np.zeros((0, 4))}, "by_omega must not be empty"),
         ({"by_omega": np.zeros((9, 3))}, r"by_omega must have shape \(any, 4\)"),
-        ({"omegas": (1.0, 0.9)}, "omegas must not decrease"),
+        ({"omegas": (1.0, 0.9)}, "omegas must be in ascending order"),
     ],
 )
 def test_kernel_rejects_arrays_of_wrong_shape(change, message, kernels):

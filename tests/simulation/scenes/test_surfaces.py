@@ -197,7 +197,7 @@ def test_nan_surfaces_raise(bad):
         np.zeros(1, bool),
         (Texture(np.ones((1, 1, 4), np.float32)),),
     )
-    with pytest.raises(ValueError, match="places of surfaces must be between"):
+    with pytest.raises(ValueError, match="records must be between"):
         scene.first_hits(np.zeros((1, 3)), np.ones((1, 3)))
 
 
