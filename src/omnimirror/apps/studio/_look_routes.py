@@ -82,7 +82,7 @@ def detect_outline(data: bytes, name: str) -> DetectedOutline:
             centre_px=rim.centre_px,
             radius_px=rim.radius_px,
             confidence=rim.confidence,
-            is_sure=rim.is_accepted,
+            is_reliable=rim.is_accepted,
         )
         if len(_rims) >= MAX_CACHED_OUTLINES:
             _rims.clear()
@@ -104,8 +104,8 @@ def estimate_tilt(
         pitch_deg=level.pitch_deg,
         roll_deg=level.roll_deg,
         sigma_deg=level.sigma_deg,
-        upright=level.upright,
-        is_sure=level.is_reliable,
+        vertical_edges=level.upright,
+        is_reliable=level.is_reliable,
     )
 
 
@@ -225,14 +225,14 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         known = _known(studio.cameras, id)
         return _png(await studio.simulated.run(known, lambda: render_room(known)))
 
-    @app.get("/api/picture", response_class=Response, responses={200: PNG})
+    @app.get("/api/image", response_class=Response, responses={200: PNG})
     async def source_image(id: str) -> Response:
         """Return an image of the server as 8-bit PNG."""
         try:
             shown = await asyncio.to_thread(studio.sources.find, id)
         except KeyError:
             raise HTTPException(404, f"unknown image {id!r}") from None
-        if shown.kind != "picture":
+        if shown.kind != "image":
             raise HTTPException(404, f"{shown.name} must be an image; got a {shown.kind} source")
         path = Path(shown.place)
         return _png(
@@ -242,9 +242,9 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         )
 
     @app.post(
-        "/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
+        "/api/convert", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
     )
-    async def convert(request: Request, name: FileName = "picture") -> Response:
+    async def convert(request: Request, name: FileName = "image") -> Response:
         """Convert an image that browsers cannot read to 8-bit PNG."""
         data = await collected(request)
         return _png(
@@ -255,7 +255,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         )
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
-    async def rim(request: Request, name: FileName = "picture") -> DetectedOutline:
+    async def rim(request: Request, name: FileName = "image") -> DetectedOutline:
         """Return the mirror outline in an image with its confidence."""
         data = await collected(request)
         return await studio.unpacked.run(request, lambda: detect_outline(data, safe_name(name)))
@@ -290,7 +290,7 @@ def _add_streams(app: FastAPI, studio: Studio) -> None:
         try:
             shown = studio.sources.find(id)
         except KeyError:
-            ended = StreamState(state="ended", sentence=f"unknown stream {id!r}")
+            ended = StreamState(state="ended", message=f"unknown stream {id!r}")
             await socket.send_text(ended.model_dump_json())
             await socket.close()
             return
