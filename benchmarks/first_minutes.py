@@ -35,7 +35,7 @@ from omnimirror.io import write_image
 SCREENS = {"1280": (1280, 800), "360": (360, 740), "2560": (2560, 1440)}
 THEMES = ("light", "dark")
 CAMERAS = 4
-SEEN = "window.omnimirror.look.laid.places.every((place) => place.seen)"
+SEEN = "window.omnimirror.look.layout.places.every((place) => place.cameraFeed)"
 REQUIREMENT = """\
 name = "hall"
 
@@ -124,14 +124,14 @@ def photographer(visit: Visit) -> None:
 
 def student(visit: Visit) -> None:
     visit.button("Design", "#tabs")
-    visit.page.wait_for_selector("#bench .compare tbody td")
+    visit.page.wait_for_selector("#design .compare tbody td")
     visit.see("sphere of the paper in the design bench")
     visit.button("Pin")
     visit.choose("Start from a bundled sensor", "paper-hyperboloidal")
     visit.page.locator(".compare tbody tr").nth(1).wait_for()
     visit.see("hyperboloid of the paper added to all plots")
     visit.press(visit.page.locator(".groups label").filter(has_text="3-D view"))
-    visit.until("window.omnimirror.tabs.bench.desk.space?.view?.frames > 0")
+    visit.until("window.omnimirror.tabs.design.plotArea.space?.view?.frames > 0")
     visit.see("rays in the 3-D view")
     visit.button("Use as camera")
     visit.until("window.omnimirror.store.state.tab === 'look' && window.omnimirror.look.feed")
@@ -142,10 +142,10 @@ def integrator(visit: Visit) -> None:
     visit.until("window.omnimirror.look.feed")
     visit.see("first of four cameras")
     visit.button("All views")
-    visit.until(f"window.omnimirror.look.laid.places.length === {CAMERAS} && {SEEN}")
+    visit.until(f"window.omnimirror.look.layout.places.length === {CAMERAS} && {SEEN}")
     visit.see("four cameras side by side")
     (*_, last) = visit.page.evaluate(
-        "window.omnimirror.look.laid.places.map((p) => [p.left, p.top, p.width, p.height])"
+        "window.omnimirror.look.layout.places.map((p) => [p.left, p.top, p.width, p.height])"
     )
     box = visit.page.locator("#view").bounding_box()
     visit.page.mouse.click(box["x"] + last[0] + last[2] / 2, box["y"] + last[1] + last[3] / 2)
@@ -160,8 +160,8 @@ def integrator(visit: Visit) -> None:
 
 def engineer(visit: Visit) -> None:
     visit.button("Design", "#tabs")
-    visit.page.wait_for_selector("#bench .compare tbody td")
-    visit.file("#bench-file", visit.folder / "hall.toml")
+    visit.page.wait_for_selector("#design .compare tbody td")
+    visit.file("#design-file", visit.folder / "hall.toml")
     visit.page.get_by_role("button", name="Design from requirements").wait_for()
     visit.see("requirements, and margins of the sphere")
     visit.button("Design from requirements")
@@ -273,8 +273,8 @@ def main() -> None:
         version = browser.version
         browser.close()
     head = (
-        f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} "
-        f"without a graphics card.{load}"
+        f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {version} without a "
+        f"graphics card.{load}"
     )
     lines = [
         "# First minutes",

@@ -53,8 +53,8 @@ FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 PICTURES = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
 MOVE = """async (count) => {
-  const { bench } = window.omnimirror.tabs;
-  const slider = document.querySelector("#bench input[type=range]");
+  const { design: bench } = window.omnimirror.tabs;
+  const slider = document.querySelector("#design input[type=range]");
   const frame = () => new Promise((done) => requestAnimationFrame(done));
   for (let i = 0; i < count; i++) {
     const before = bench.latencies;
@@ -66,7 +66,7 @@ MOVE = """async (count) => {
 }"""
 
 
-SPACE = "window.omnimirror.tabs.bench.desk.space.view"
+SPACE = "window.omnimirror.tabs.design.plotArea.space.view"
 TURN = f"""async (count) => {{
   const view = {SPACE}, gl = view.canvas.getContext("webgl2"), pixel = new Uint8Array(4);
   const frame = () => new Promise((done) => requestAnimationFrame(done));
@@ -105,10 +105,10 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
         slot=0,
         number=0,
         tables=sensor.tables,
-        follows=sensor.follows,
+        follows_mapping=sensor.follows,
         object_distance_mm=None,
-        section=True,
-        squares=True,
+        include_section=True,
+        include_squares=True,
         requirements=None,
     )
     times = []
@@ -151,7 +151,7 @@ def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray,
     if choice.input_value() != kind:
         choice.select_option(kind)
         page.wait_for_function(
-            f"window.omnimirror.tabs.bench.history.now.tables.mirror.kind === '{kind}'"
+            f"window.omnimirror.tabs.design.history.now.tables.mirror.kind === '{kind}'"
         )
         page.wait_for_timeout(500)
     page.evaluate(MOVE, 10)
@@ -175,7 +175,7 @@ def main() -> None:
     first = tables_of(om.load_sensor("paper-spherical"))
     sensors = {
         kind: on_bench(
-            changed(DesignChange(tables=first, what="mirror", to=kind, object_distance_mm=None))
+            changed(DesignChange(tables=first, target="mirror", to=kind, object_distance_mm=None))
         )
         for kind in KINDS
     }
@@ -192,7 +192,7 @@ def main() -> None:
         ).new_page()
         page.add_init_script(f"localStorage.setItem('omnimirror-bench', '{EMPTY}')")
         page.goto(f"{address}#tab=design")
-        page.wait_for_selector("#bench .compare tbody td")
+        page.wait_for_selector("#design .compare tbody td")
         metrics = page.context.new_cdp_session(page)
         metrics.send("Performance.enable", {"timeDomain": "threadTicks"})
         for kind, sensor in sensors.items():

@@ -17,11 +17,11 @@ def instructions() -> list[str]:
     known, before = [], backend.name
     for name in ("plain", "avx2", "avx512", "avx512-gather", "neon"):
         try:
-            backend.kernels.use_instructions(name)
+            backend.kernels.set_instruction_set(name)
         except ValueError:
             continue
         known.append(name)
-    backend.kernels.use_instructions(before)
+    backend.kernels.set_instruction_set(before)
     return known
 
 

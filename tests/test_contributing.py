@@ -427,14 +427,14 @@ def test_adding_a_command(copy):
 
 # -- tab of the page -------------------------------------------------------------------------------
 
-BEGIN = """import { h } from "../shared/dom";
+ENTRY = """import { h } from "../shared/dom";
 import type { Store } from "../shared/store";
 
-/** A tab that says how the view is turned. */
+/** Display the pan angle of the view. */
 export function begin(place: HTMLElement, store: Store): void {
-  const said = h("p", { role: "status" });
-  place.append(said);
-  store.listen((s) => (said.textContent = `${s.pan}`));
+  const pan = h("p", { role: "status" });
+  place.append(pan);
+  store.listen((s) => (pan.textContent = `${s.pan}`));
 }
 """
 
@@ -447,7 +447,7 @@ def test_adding_a_tab_to_the_studio(tmp_path):
     shutil.copytree(WEB, web, ignore=shutil.ignore_patterns("node_modules"))
     (web / "node_modules").symlink_to(WEB / "node_modules", target_is_directory=True)
     (web / "src" / "notes").mkdir()
-    (web / "src" / "notes" / "begin.ts").write_text(BEGIN)
+    (web / "src" / "notes" / "entry.ts").write_text(ENTRY)
     edit(
         web / "src" / "shared" / "state.ts",
         ('"design", "calibrate"]', '"design", "calibrate", "notes"]'),
@@ -455,15 +455,15 @@ def test_adding_a_tab_to_the_studio(tmp_path):
     edit(
         web / "src" / "tabs.ts",
         (
-            "import { byId, heldBy }",
-            'import { begin as beginNotes } from "./notes/begin";\nimport { byId, heldBy }',
+            "import { byId, embeddedData }",
+            'import { begin as beginNotes } from "./notes/entry";\nimport { byId, embeddedData }',
         ),
         ('calibrate: "calibrate" } as const', 'calibrate: "calibrate", notes: "notes" } as const'),
         ('calibrate: "#calibrate .desk" }', 'calibrate: "#calibrate .desk", notes: "#notes" }'),
         (
-            "    const wanted = FETCHED[tab];",
+            "    const requested = LAZY_TABS[tab];",
             '    if (tab === "notes" && !byId("notes").hasChildNodes()) beginNotes(byId("notes"), this.store);\n'
-            "    const wanted = FETCHED[tab];",
+            "    const requested = LAZY_TABS[tab];",
         ),
     )
     edit(
@@ -471,24 +471,28 @@ def test_adding_a_tab_to_the_studio(tmp_path):
         ('<main id="look">', '<main id="notes" hidden></main>\n<main id="look">'),
     )
     edit(
-        web / "tests" / "rooms.test.ts",
+        web / "tests" / "architecture.test.ts",
         (
-            '"": ["", "look", "bench", "calibrate", "shared"]',
-            'notes: ["notes", "shared"], "": ["", "look", "bench", "calibrate", "notes", "shared"]',
+            '"": ["", "look", "design", "calibrate", "shared"]',
+            'notes: ["notes", "shared"], "": ["", "look", "design", "calibrate", "notes", "shared"]',
         ),
     )
     checked = run(["node", "node_modules/typescript/bin/tsc", "--noEmit"], web)
     assert checked.returncode == 0, checked.stdout
-    tested = run(["node", "node_modules/vitest/vitest.mjs", "run", "tests/rooms.test.ts"], web)
+    tested = run(
+        ["node", "node_modules/vitest/vitest.mjs", "run", "tests/architecture.test.ts"], web
+    )
     assert tested.returncode == 0, tested.stdout + tested.stderr
     edit(
-        web / "src" / "notes" / "begin.ts",
+        web / "src" / "notes" / "entry.ts",
         ('"../shared/store"', '"../look/look"'),
         ("Store }", "Look as Store }"),
     )
-    refused = run(["node", "node_modules/vitest/vitest.mjs", "run", "tests/rooms.test.ts"], web)
+    refused = run(
+        ["node", "node_modules/vitest/vitest.mjs", "run", "tests/architecture.test.ts"], web
+    )
     assert refused.returncode != 0
-    assert "notes/begin imports look/look" in refused.stdout + refused.stderr
+    assert "notes/entry imports look/look" in refused.stdout + refused.stderr
 
 
 # -- compiled kernel -------------------------------------------------------------------------------

@@ -37,7 +37,6 @@ EXCEPTIONS = {
     "apps/studio/calibration_messages.py: picture": COLUMN,
     "apps/studio/calibration_messages.py: pictures": COLUMN,
     "apps/cli/commands/lines.py: line,u_px,v_px, and picture for several images": COLUMN,
-    "base/native.py: judge_trials": "name of the function of the compiled kernels",
 }
 """Permitted violations as reported by the rules, with their reasons."""
 MAX_EXCEPTIONS = 30

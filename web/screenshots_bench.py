@@ -27,9 +27,9 @@ from omnimirror.optics.sensor_files import save_sensor
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SETTLING_MS = 3500
 VALUES = {"Mirror decentre x": "0.06", "Mirror tilt y": "0.1"}
-SPACE = "window.omnimirror.tabs.bench.desk.space.view"
+SPACE = "window.omnimirror.tabs.design.plotArea.space.view"
 AT_REST = """() => {
-  const t = window.omnimirror.tabs.bench.tolerances;
+  const t = window.omnimirror.tabs.design.tolerances;
   return t.all && t.last && t.errors.isAtRest && t.built.isAtRest && t.yields.isAtRest;
 }"""
 
@@ -39,7 +39,7 @@ def compare_two(page: Any) -> None:
     page.get_by_role("button", name="Pin", exact=True).click()
     page.get_by_label("Type of mirror").select_option("equidistant")
     page.wait_for_function(
-        "window.omnimirror.tabs.bench.history.now.tables.mirror.kind === 'equidistant'"
+        "window.omnimirror.tabs.design.history.now.tables.mirror.kind === 'equidistant'"
     )
     page.get_by_role("button", name="Add a requirement").click()
     page.get_by_role("button", name="Add a requirement").click()
@@ -50,10 +50,10 @@ def compare_two(page: Any) -> None:
     page.get_by_label("resolution_px_per_deg at most").fill("")
     page.keyboard.press("Enter")
     page.wait_for_timeout(SETTLING_MS)
-    page.evaluate("window.omnimirror.tabs.bench.desk.cursor.set(75, null)")
+    page.evaluate("window.omnimirror.tabs.design.plotArea.cursor.set(75, null)")
     page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
     page.evaluate("document.activeElement.blur()")
-    page.locator("#bench aside").evaluate("(aside) => aside.scrollTo(0, 0)")
+    page.locator("#design aside").evaluate("(aside) => aside.scrollTo(0, 0)")
     page.wait_for_timeout(300)
 
 
@@ -65,7 +65,7 @@ def try_errors(page: Any) -> None:
         page.get_by_label(name, exact=True).fill(value)
     page.evaluate("document.activeElement.blur()")
     page.wait_for_function(AT_REST)
-    page.locator("#bench aside").evaluate(
+    page.locator("#design aside").evaluate(
         "(a) => a.scrollTo(0, a.querySelector('.groups-of-errors').offsetTop - 460)"
     )
     page.wait_for_timeout(SETTLING_MS)
@@ -79,9 +79,9 @@ def look_in_space(page: Any) -> None:
         save_sensor(
             replace(om.load_sensor("paper-spherical"), name="sphere-in-dome", housing=housing), file
         )
-        page.set_input_files("#bench-file", file)
+        page.set_input_files("#design-file", file)
         page.wait_for_function(
-            "window.omnimirror.tabs.bench.history.now.tables.name === 'sphere-in-dome'"
+            "window.omnimirror.tabs.design.history.now.tables.name === 'sphere-in-dome'"
         )
     page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{SPACE}?.rays.length > 0")
@@ -126,7 +126,7 @@ def main() -> None:
                 viewport=size, color_scheme=scheme, bypass_csp=True
             ).new_page()
             page.goto(address)
-            page.wait_for_selector("#bench .compare tbody td")
+            page.wait_for_selector("#design .compare tbody td")
             prepare(page)
             page.screenshot(path=args.out / f"{name}.png")
             page.context.close()

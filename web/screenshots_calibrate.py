@@ -43,7 +43,9 @@ def calibrated(browser: Browser, address: str, paths: list[Path], scheme: str) -
     ):
         page.get_by_label(name, exact=True).fill(str(value))
     page.set_input_files("#calibrate-files", paths)
-    page.wait_for_function(f"window.omnimirror.tabs.calibrate.shots.found.length === {len(paths)}")
+    page.wait_for_function(
+        f"window.omnimirror.tabs.calibrate.images.result.length === {len(paths)}"
+    )
     page.locator("#calibrate aside").get_by_role("button", name="Calibrate", exact=True).click()
     page.wait_for_function("window.omnimirror.tabs.calibrate.report !== null")
     page.locator("#calibrate .shots button").first.click()

@@ -39,7 +39,7 @@ const build = {
 };
 
 /** Scripts of their own, which the page fetches when they are wanted. */
-const SCRIPTS = ["bench", "space", "calibrate"];
+const SCRIPTS = ["design", "space", "calibrate"];
 
 const script = (name) => ({
   base: "./",
@@ -47,7 +47,7 @@ const script = (name) => ({
     ...build,
     emptyOutDir: false,
     rollupOptions: {
-      input: `src/${name}/begin.ts`,
+      input: `src/${name}/entry.ts`,
       preserveEntrySignatures: "strict",
       output: { entryFileNames: `${name}.js` },
     },

@@ -27,14 +27,14 @@ std::string text_of(double value) {
 
 }  // namespace
 
-void refuse_shape(const char* name, std::initializer_list<int64_t> expected, size_t ndim, const int64_t* shape) {
+void raise_invalid_shape(const char* name, std::initializer_list<int64_t> expected, size_t ndim, const int64_t* shape) {
     raise(std::string(name) + " must have shape " + text_of(expected.begin(), expected.size()) + "; got " +
           text_of(shape, ndim));
 }
 
-void refuse(const char* name, const char* condition) { raise(std::string(name) + " " + condition); }
+void raise_invalid(const char* name, const char* condition) { raise(std::string(name) + " " + condition); }
 
-void refuse_value(const char* name, double low, double high, double value) {
+void raise_out_of_range(const char* name, double low, double high, double value) {
     raise(std::string(name) + " must be between " + text_of(low) + " and " + text_of(high) + "; got " +
           text_of(value));
 }

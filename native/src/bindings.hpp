@@ -41,10 +41,10 @@ constexpr int64_t MAX_COUNT = (int64_t{1} << 30) - 1;  // limit of counts that k
 enum class Values { any, finite };
 
 // Raise ValueError. Defined in bindings.cpp, so that the text is formatted in one place.
-[[noreturn]] void refuse_shape(const char* name, std::initializer_list<int64_t> expected, size_t ndim,
-                               const int64_t* shape);
-[[noreturn]] void refuse(const char* name, const char* condition);
-[[noreturn]] void refuse_value(const char* name, double low, double high, double value);
+[[noreturn]] void raise_invalid_shape(const char* name, std::initializer_list<int64_t> expected, size_t ndim,
+                                      const int64_t* shape);
+[[noreturn]] void raise_invalid(const char* name, const char* condition);
+[[noreturn]] void raise_out_of_range(const char* name, double low, double high, double value);
 
 // Check dimensions, lengths, alignment and, optionally, that all values are finite; return a pointer to the first
 // value. The types above check contiguity and type; the functions for images and coordinates, whose rows may have gaps,
@@ -52,18 +52,19 @@ enum class Values { any, finite };
 template <class A>
 auto checked(const A& array, const char* name, std::initializer_list<int64_t> shape, Values values = Values::any)
     -> decltype(array.data()) {
-    bool fits = array.ndim() == shape.size();
-    for (size_t i = 0; fits && i < shape.size(); ++i) {
+    bool is_valid = array.ndim() == shape.size();
+    for (size_t i = 0; is_valid && i < shape.size(); ++i) {
         const int64_t length = static_cast<int64_t>(array.shape(i)), expected = shape.begin()[i];
-        fits = length >= 0 && length < MAX_LENGTH && (expected == ANY || length == expected);
+        is_valid = length >= 0 && length < MAX_LENGTH && (expected == ANY || length == expected);
     }
-    if (!fits) refuse_shape(name, shape, array.ndim(), array.shape_ptr());
+    if (!is_valid) raise_invalid_shape(name, shape, array.ndim(), array.shape_ptr());
     const uintptr_t bytes = array.dtype().bits / 8;
-    if (array.size() && bytes && reinterpret_cast<uintptr_t>(array.data()) % bytes) refuse(name, "must be aligned");
+    if (array.size() && bytes && reinterpret_cast<uintptr_t>(array.data()) % bytes)
+        raise_invalid(name, "must be aligned");
     if constexpr (std::is_floating_point_v<typename A::Scalar>) {
         if (values == Values::finite)
             for (size_t i = 0; i < array.size(); ++i)
-                if (!std::isfinite(array.data()[i])) refuse(name, "must be finite");
+                if (!std::isfinite(array.data()[i])) raise_invalid(name, "must be finite");
     }
     return array.data();
 }
@@ -72,13 +73,14 @@ auto checked(const A& array, const char* name, std::initializer_list<int64_t> sh
 template <class T>
 T checked(T value, const char* name, T low, T high) {
     if (!(value >= low && value <= high))
-        refuse_value(name, static_cast<double>(low), static_cast<double>(high), static_cast<double>(value));
+        raise_out_of_range(name, static_cast<double>(low), static_cast<double>(high), static_cast<double>(value));
     return value;
 }
 
 // Return a length as the int that kernels require.
 inline int count_of(size_t length, const char* name, int64_t limit = MAX_COUNT) {
-    if (length > static_cast<size_t>(limit)) refuse_value(name, 0, static_cast<double>(limit), static_cast<double>(length));
+    if (length > static_cast<size_t>(limit))
+        raise_out_of_range(name, 0, static_cast<double>(limit), static_cast<double>(length));
     return static_cast<int>(length);
 }
 
@@ -95,7 +97,7 @@ void add_sampling(nb::module_& m);     // sampling/module.cpp: omnimirror.dewarp
 void add_designs(nb::module_& m);      // designs/module.cpp: omnimirror.optics.batch
 void add_exposure(nb::module_& m);     // exposure/module.cpp: omnimirror.simulation.rendering
 void add_surfaces(nb::module_& m);     // exposure/surfaces_module.cpp: omnimirror.simulation.scenes
-void add_deblurring(nb::module_& m);   // deblur/module.cpp: omnimirror.dewarp.restoration
+void add_deconvolution(nb::module_& m);  // deconvolution/module.cpp: omnimirror.dewarp.restoration
 void add_tolerancing(nb::module_& m);  // tolerancing/module.cpp: omnimirror.manufacturing.tolerancing
 void add_reflection(nb::module_& m);   // reflection/module.cpp: omnimirror.optics.tracing, interop.torch
 

@@ -16,10 +16,10 @@ constexpr int LANE = 8;  // arrays are padded to a multiple of it, and sums have
 
 constexpr int padded(int count) { return (count + LANE - 1) / LANE * LANE; }
 
-inline double root_of(double x) { return __builtin_sqrt(x); }
-inline double larger(double a, double b) { return a > b ? a : b; }
-inline double smaller(double a, double b) { return a < b ? a : b; }
-inline double size_of(double a) { return a < 0 ? -a : a; }
+inline double sqrt_of(double x) { return __builtin_sqrt(x); }
+inline double max_of(double a, double b) { return a > b ? a : b; }
+inline double min_of(double a, double b) { return a < b ? a : b; }
+inline double abs_of(double a) { return a < 0 ? -a : a; }
 
 }  // namespace
 }  // namespace omnimirror

@@ -24,10 +24,10 @@ struct LargePages {
     T* allocate(size_t count) {
         const size_t bytes = count * sizeof(T);
         if (bytes < PAGE) return static_cast<T*>(::operator new(bytes));
-        const size_t whole = (bytes + PAGE - 1) / PAGE * PAGE;
-        void* memory = ::operator new(whole, std::align_val_t{PAGE});
+        const size_t size = (bytes + PAGE - 1) / PAGE * PAGE;
+        void* memory = ::operator new(size, std::align_val_t{PAGE});
 #ifdef MADV_HUGEPAGE
-        madvise(memory, whole, MADV_HUGEPAGE);  // if refused, everything works without large pages
+        madvise(memory, size, MADV_HUGEPAGE);  // if refused, everything works without large pages
 #endif
         return static_cast<T*>(memory);
     }

@@ -11,12 +11,12 @@ NB_MODULE(_native, m) {
     nb::set_leak_warnings(false);
 #endif
     m.doc() = "The compiled kernels of omnimirror; see native/README.md.";
-    m.attr("INTERFACE") = 16;  // increment with every change of names or arguments; checked by omnimirror.base.native
+    m.attr("INTERFACE") = 17;  // increment with every change of names or arguments; checked by omnimirror.base.native
     add_sampling(m);
     add_designs(m);
     add_exposure(m);
     add_surfaces(m);
-    add_deblurring(m);
+    add_deconvolution(m);
     add_tolerancing(m);
     add_reflection(m);
     m.def(

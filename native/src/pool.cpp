@@ -24,14 +24,14 @@ class Pool {
         {
             std::lock_guard lock(mutex_);
             task_ = task, context_ = context, count_ = count, next_ = 0;
-            wanted_ = helpers;
+            requested_ = helpers;
         }
         wake_.notify_one();  // each thread wakes the next one, so that this thread starts to work immediately
         work();
         {
             // Do not wait for helpers that have not woken yet: no tasks are left for them.
             std::lock_guard lock(mutex_);
-            wanted_ = 0;
+            requested_ = 0;
         }
         wait_for_helpers();
         if (error_) std::rethrow_exception(std::exchange(error_, nullptr));
@@ -67,22 +67,22 @@ class Pool {
         (void)std::uncaught_exceptions();
         std::unique_lock lock(mutex_);
         for (;;) {
-            wake_.wait(lock, [this] { return wanted_ > 0; });
-            ++inside_;
-            const bool more = --wanted_ > 0;
+            wake_.wait(lock, [this] { return requested_ > 0; });
+            ++active_;
+            const bool more = --requested_ > 0;
             lock.unlock();
             if (more) wake_.notify_one();
             work();
             lock.lock();
-            if (--inside_ == 0) done_.notify_one();
+            if (--active_ == 0) done_.notify_one();
         }
     }
 
     // The helpers are finishing their last tasks: spin first, because sleeping would take longer than they need.
     void wait_for_helpers() {
-        for (int i = 0; i < SPINS && inside_ != 0; ++i) pause();
+        for (int i = 0; i < SPINS && active_ != 0; ++i) pause();
         std::unique_lock lock(mutex_);
-        done_.wait(lock, [this] { return inside_ == 0; });
+        done_.wait(lock, [this] { return active_ == 0; });
     }
 
     static void pause() {
@@ -110,8 +110,8 @@ class Pool {
     std::atomic<bool> busy_{false};  // set by the caller whose tasks are running
     std::mutex mutex_;               // guards all members below; the atomic ones are read without it
     std::condition_variable wake_, done_;
-    int started_ = 0, wanted_ = 0;
-    std::atomic<int> inside_{0};
+    int started_ = 0, requested_ = 0;
+    std::atomic<int> active_{0};
     Task task_ = nullptr;
     void* context_ = nullptr;
     int count_ = 0;
@@ -146,8 +146,8 @@ Pool& pool() {
 }  // namespace
 
 void parallel_for(int count, Task task, void* context) {
-    const int most = get_threads();
-    const int helpers = (most < count ? most : count) - 1;
+    const int max_threads = get_threads();
+    const int helpers = (max_threads < count ? max_threads : count) - 1;
     if (helpers < 1) return Pool::run_alone(count, task, context);
     pool().run(count, helpers, task, context);
 }

@@ -28,25 +28,29 @@ from tests.fuzz.native_arguments import Buffers, Recipes, functions_of
 
 # -- Loader of the compiled module: selection by the environment, messages for a missing module, threads
 
-NAME = "from omnimirror.base.native import backend; print(backend.name)"
+NAME_SCRIPT = "from omnimirror.base.native import backend; print(backend.name)"
 
 
-def name_told(choice: str) -> tuple[str, str]:
+def selected_name(choice: str) -> tuple[str, str]:
     environment = {**os.environ, "OMNIMIRROR_NATIVE": choice}
     run = subprocess.run(
-        [sys.executable, "-c", NAME], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", NAME_SCRIPT],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return run.stdout.strip(), run.stderr
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+@pytest.mark.skipif(not backend.is_compiled, reason="there are no compiled kernels")
 def test_environment_selects_instruction_set():
-    assert name_told("0") == ("opencv", "")
-    assert name_told("plain") == ("plain", "")
-    assert name_told("") == (backend.name, "")
+    assert selected_name("0") == ("opencv", "")
+    assert selected_name("plain") == ("plain", "")
+    assert selected_name("") == (backend.name, "")
 
 
-@pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+@pytest.mark.skipif(not backend.is_compiled, reason="there are no compiled kernels")
 def test_unknown_instruction_set_raises(monkeypatch):
     monkeypatch.setenv("OMNIMIRROR_NATIVE", "mmx")
     with pytest.raises(
@@ -89,21 +93,22 @@ def test_thread_count_is_checked():
 
 
 @pytest.mark.skipif(
-    not hasattr(os, "sched_setaffinity"), reason="processes cannot be kept to some cores here"
+    not hasattr(os, "sched_setaffinity"), reason="this platform does not support core affinity"
 )
 def test_threads_equal_available_cores():
     """A process with affinity to one core, as by taskset, starts no second thread that would wait
     for the first."""
     script = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}); "
-        "from omnimirror.base.native import backend, usable_cores; print(usable_cores(), backend.threads)"
+        "from omnimirror.base.native import backend, usable_cores; "
+        "print(usable_cores(), backend.threads)"
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["1", "1"]
 
 
 @pytest.mark.parametrize(
-    ("said", "least"),
+    ("quota", "max_cores"),
     [
         ("max 100000\n", 10**6),
         ("150000 100000\n", 2),
@@ -112,17 +117,17 @@ def test_threads_equal_available_cores():
         ("0 0", 10**6),
     ],
 )
-def test_threads_respect_container_limit(monkeypatch, tmp_path, said, least):
+def test_threads_respect_container_limit(monkeypatch, tmp_path, quota, max_cores):
     monkeypatch.setattr(native, "CPU_QUOTA_FILE", tmp_path / "cpu.max")
     without = usable_cores()  # the file does not exist
-    (tmp_path / "cpu.max").write_text(said, encoding="ascii")
-    assert usable_cores() == max(1, min(without, least))
+    (tmp_path / "cpu.max").write_text(quota, encoding="ascii")
+    assert usable_cores() == max(1, min(without, max_cores))
 
 
 # -- arguments and memory
 # ----------------------------------------------------------------------------
 
-needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
+needs_compiled = pytest.mark.skipif(not backend.is_compiled, reason="there are no compiled kernels")
 
 
 @needs_compiled
@@ -139,7 +144,7 @@ def test_invalid_kernel_arguments_do_not_crash(seed):
     ]
     run = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert all(" 0 answered" not in line for line in run.stdout.splitlines())  # passed the checks
+    assert all(" 0 completed" not in line for line in run.stdout.splitlines())  # passed the checks
 
 
 @needs_compiled
@@ -169,7 +174,7 @@ def test_every_kernel_array_is_checked(name):
                 "PackedMap.sample",
                 "coordinates",
             ) and "averages" not in arguments
-            is_unused |= argument == "walls" and arguments["wall"][0] == 0
+            is_unused |= argument == "shells" and arguments["shell"][0] == 0
             if not isinstance(array, np.ndarray) or array.size == 0 or is_unused:
                 continue
             odd = recipes.b.copy(array, odd=1) if array.itemsize > 1 else array
@@ -184,7 +189,7 @@ def test_every_kernel_array_is_checked(name):
                 assert "aligned" not in words or refusal.type is ValueError
 
 
-SCARCE = """
+LIMITED_MEMORY_SCRIPT = """
 import resource
 import numpy as np
 from omnimirror.optics.batch.best_focus import FOCUS_SEARCH
@@ -192,7 +197,7 @@ from omnimirror.base.native import backend
 
 designs, terms, angles, random = 64, 400, 8000, np.random.default_rng(0)
 numbers = np.tile([185.0, 44.0, 11.6, 4.0, 50.0, 0.0, 0.0], (designs, 1))
-def evaluated():
+def evaluate():
     columns = np.zeros((10, designs, angles))
     backend.kernels.evaluate_designs(
         coefficients, numbers, basis, fractions, True, False, 0.08, 0.0, 550.0, np.zeros(angles), 0.0, FOCUS_SEARCH,
@@ -202,7 +207,7 @@ def evaluated():
 coefficients, basis = random.uniform(0, 1e-4, (designs, terms)), random.uniform(0, 1, (3, terms, angles))
 fractions = np.linspace(0, 1, angles)
 backend.set_threads({first})
-before = evaluated()
+before = evaluate()
 backend.set_threads({threads})
 page, unlimited = resource.getpagesize(), resource.getrlimit(resource.RLIMIT_AS)
 used = int(open("/proc/self/statm").read().split()[0]) * page
@@ -210,11 +215,11 @@ resource.setrlimit(resource.RLIMIT_AS, (used + 60 * 2**20, unlimited[1]))  # the
 errors = 0
 for _ in range(5):
     try:
-        evaluated()
+        evaluate()
     except MemoryError:
         errors += 1
 resource.setrlimit(resource.RLIMIT_AS, unlimited)
-print(errors, np.array_equal(evaluated(), before, equal_nan=True))
+print(errors, np.array_equal(evaluate(), before, equal_nan=True))
 """
 
 
@@ -224,7 +229,7 @@ print(errors, np.array_equal(evaluated(), before, equal_nan=True))
 def test_tasks_without_memory_raise(first, threads):
     """Failure in running threads, in threads that cannot be started, and without threads; the state
     is restored afterwards."""
-    script = SCARCE.replace("{first}", str(first)).replace("{threads}", str(threads))
+    script = LIMITED_MEMORY_SCRIPT.replace("{first}", str(first)).replace("{threads}", str(threads))
     run = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=280
     )
@@ -235,25 +240,34 @@ def test_tasks_without_memory_raise(first, threads):
 
 SOURCES = Path(__file__).parents[2] / "native" / "src"
 SHARED = {
-    "sampling/footprint.hpp": {"JUMP2": sampling.JUMP2, "JUMP2_PX": sampling.JUMP2_PX},
-    "sampling/job.hpp": {"MOST_TAPS": sampling.MOST_TAPS},
-    "sampling/sides.cpp": {"EVERY": sampling.EVERY_PX},
+    "sampling/footprint.hpp": {
+        "JUMP_RATIO2": sampling.JUMP_RATIO2,
+        "JUMP_EXCESS_PX2": sampling.JUMP_EXCESS_PX2,
+    },
+    "sampling/job.hpp": {"MAX_TAPS": sampling.MAX_TAPS},
+    "sampling/footprint_sides.cpp": {"SAMPLING_STEP_PX": sampling.SAMPLING_STEP_PX},
     "sampling/axial.hpp": {"EDGE_PX": 0.5 + cameras.EDGE_SLACK},
     "sampling/axial_kernel.hpp": {
-        name: getattr(_source_coordinates, name) for name in ("SLACK", "CLOSE", "GAP", "MOST_STEPS")
+        name: getattr(_source_coordinates, name)
+        for name in (
+            "ANGLE_TOLERANCE_RAD",
+            "CONVERGENCE_TOLERANCE",
+            "MAX_ROOT_RESIDUAL",
+            "MAX_STEPS",
+        )
     },
     "designs/designs.hpp": {
         "DESIGN_COLUMNS": len(evaluate.BATCH_COLUMNS),
         "DESIGN_NUMBERS": len(evaluate._NUMBERS),
     },
     "designs/workspace.hpp": {"DEGREE": np.pi / 180},
-    "designs/focus.hpp": {"HOPE": best_focus.HOPE},
-    "exposure/packets.hpp": {"BESIDE": surfaces.BESIDE},
+    "designs/focus.hpp": {"TANGENT_MARGIN": best_focus.TANGENT_MARGIN},
+    "exposure/packets.hpp": {"EDGE_MARGIN": surfaces.EDGE_MARGIN},
     "exposure/exposure.hpp": {
         "LOST": pixel_rays.LOST,
         "REFLECTED": pixel_rays.REFLECTED,
         "DIRECT": pixel_rays.DIRECT,
-        "HIDDEN": pixel_rays.HIDDEN,
+        "OBSCURED": pixel_rays.OBSCURED,
     },
 }
 

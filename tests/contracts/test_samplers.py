@@ -45,9 +45,9 @@ def sampler(request, uncompiled):
         yield request.param
     else:
         before = backend.name
-        backend.kernels.use_instructions(request.param)
+        backend.kernels.set_instruction_set(request.param)
         yield request.param
-        backend.kernels.use_instructions(before)
+        backend.kernels.set_instruction_set(before)
 
 
 # -- maps and their formulas

@@ -35,10 +35,10 @@ def sampler(request, uncompiled):
         uncompiled()
         yield request.param
         return
-    before = MODULE.instructions()
-    MODULE.use_instructions(request.param)
+    before = MODULE.instruction_set()
+    MODULE.set_instruction_set(request.param)
     yield request.param
-    MODULE.use_instructions(before)
+    MODULE.set_instruction_set(before)
 
 
 # -- definition ------------------------------------------------------------------------------------
@@ -467,9 +467,9 @@ def test_random_sizes_stay_within_memory(data):
     source, picture = guarded((height, width, channels))
     picture[:] = 0.5 if depth == "float32" else 77
     target, out = guarded((rows, columns, channels))
-    before = MODULE and MODULE.instructions()
+    before = MODULE and MODULE.instruction_set()
     if MODULE is not None:
-        MODULE.use_instructions(name)
+        MODULE.set_instruction_set(name)
     try:
         fixed = PixelMap(places, (width, height))
         for taken in (remap(picture, fixed, interpolation, out) for _ in range(2)):
@@ -478,7 +478,7 @@ def test_random_sizes_stay_within_memory(data):
             assert (taken[~inside] == 0).all()
     finally:
         if MODULE is not None:
-            MODULE.use_instructions(before)
+            MODULE.set_instruction_set(before)
     for memory in (source, target):
         assert (memory[:padding] == 0xA5).all()
         assert (memory[-padding:] == 0xA5).all()
@@ -507,10 +507,10 @@ def test_compiled_module_checks_bounds():
         ),
         lambda: MODULE.remap(picture, places, out, 2, (1, 2)),
         lambda: MODULE.remap(picture, places, out, 2, (1, 2, 256)),
-        lambda: MODULE.squared_sides_of_nodes(
+        lambda: MODULE.squared_sides_of_lattice(
             *grid.nodes, 8, grid.cells, grid.patches, np.empty((1, 1, 2), np.float32)
         ),
-        lambda: MODULE.squared_sides_of_nodes(
+        lambda: MODULE.squared_sides_of_lattice(
             *grid.nodes, 8, grid.cells + 1, grid.patches, np.empty((5, 4, 2), np.float32)
         ),
     ):

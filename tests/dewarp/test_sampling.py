@@ -42,10 +42,10 @@ pytestmark = pytest.mark.skipif(MODULE is None, reason="requires the compiled mo
 @pytest.fixture(params=INSTRUCTIONS)
 def instructions(request):
     """All instruction sets of this machine."""
-    before = MODULE.instructions()
-    MODULE.use_instructions(request.param)
+    before = MODULE.instruction_set()
+    MODULE.set_instruction_set(request.param)
     yield request.param
-    MODULE.use_instructions(before)
+    MODULE.set_instruction_set(before)
 
 
 # -- reference values ------------------------------------------------------------------------------
@@ -138,13 +138,13 @@ def test_max_sampling_error(channels, interpolation, instructions):
 
 def test_instruction_sets_agree():
     """Compare the vector kernels with the plain kernels, which use ordinary arithmetic."""
-    before = MODULE.instructions()
+    before = MODULE.instruction_set()
     for channels in (1, 2, 3, 4):
         image, coordinates = photograph(channels=channels), spiral((230, 170))
         for interpolation in COMPILED_INTERPOLATIONS:
             taken = []
             for name in INSTRUCTIONS:
-                MODULE.use_instructions(name)
+                MODULE.set_instruction_set(name)
                 packed = MODULE.PackedMap(
                     coordinates,
                     230,
@@ -161,7 +161,7 @@ def test_instruction_sets_agree():
                 assert (
                     other != taken[0]
                 ).mean() < 1e-3  # fractions of 0.5 may be rounded either way
-    MODULE.use_instructions(before)
+    MODULE.set_instruction_set(before)
 
 
 # -- memory ----------------------------------------------------------------------------------------
@@ -203,8 +203,8 @@ def test_random_sizes_stay_within_memory(data):
     target, untouched = guarded((rows, columns + out_gap, channels), depth)
     target[:] = 0
     expected = truth(image, coordinates, interpolation)
-    before = MODULE.instructions()
-    MODULE.use_instructions(name)
+    before = MODULE.instruction_set()
+    MODULE.set_instruction_set(name)
     try:
         for taken in (
             remap_at(image, coordinates, interpolation, target[:, :columns]),
@@ -222,7 +222,7 @@ def test_random_sizes_stay_within_memory(data):
                     atol={"uint8": 1.6, "uint16": 4.0, "float32": 6e-5}[depth],
                 )
     finally:
-        MODULE.use_instructions(before)
+        MODULE.set_instruction_set(before)
     assert intact()
     assert untouched()
     assert (target[:, columns:] == 0).all()
@@ -430,7 +430,7 @@ def test_invalid_weights_raise():
             np.where(where, np.float32(value), good) if where.any() else good * np.float32(value)
         )
         for weights in ((wrong, good), (good, wrong)):
-            with pytest.raises(ValueError, match=r"must have the sum 1|must be finite"):
+            with pytest.raises(ValueError, match=r"must sum to 1|must be finite"):
                 MODULE.remap_lattice(image, x, y, *weights, cells, patches, out, 1, 0)
     far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
         step, axis=1

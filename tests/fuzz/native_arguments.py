@@ -1,4 +1,4 @@
-"""Fuzz test of the compiled module: calls of all functions with partly hostile arguments.
+"""Fuzz test of the compiled module: calls of all functions with partly invalid arguments.
 
     python -m tests.fuzz.native_arguments [--calls 3000] [--seed 0]
 
@@ -23,7 +23,7 @@ from tests.samplers import instructions as instructions_of_machine
 
 Arguments = dict[str, Any]
 
-REFUSALS = (ValueError, TypeError, MemoryError, OverflowError)
+REJECTIONS = (ValueError, TypeError, MemoryError, OverflowError)
 FILL, GUARD = 0xA5, 0 if "ASAN_OPTIONS" in os.environ else 64
 """Guard bytes of each array; none with the address sanitizer, whose own guards also detect reads."""
 ODD_NUMBERS = (
@@ -81,12 +81,12 @@ class Recipes:
     ) -> np.ndarray:
         return self.b.copy(self.random.uniform(low, high, shape), dtype)
 
-    def side(self, most: int = 40) -> int:
-        return int(self.random.integers(1, most))
+    def side(self, maximum: int = 40) -> int:
+        return int(self.random.integers(1, maximum))
 
     # -- dewarp
 
-    def picture(self, height: int, width: int) -> np.ndarray:
+    def image(self, height: int, width: int) -> np.ndarray:
         dtype, channels = (
             self.random.choice(["uint8", "uint16", "float32"]),
             int(self.random.integers(1, 5)),
@@ -95,34 +95,42 @@ class Recipes:
         memory = self.b.copy(self.random.integers(0, 255, (height, width + gap, channels)), dtype)
         return memory[:, :width]
 
-    def places(self, height: int, width: int, src: np.ndarray) -> np.ndarray:
+    def coordinates(self, height: int, width: int, src: np.ndarray) -> np.ndarray:
         dtype = self.random.choice(["float32", "float64"])
-        most = max(src.shape) + 1
-        return self.floats(height, width, 2, low=-1, high=most, dtype=dtype)
+        maximum = max(src.shape) + 1
+        return self.floats(height, width, 2, low=-1, high=maximum, dtype=dtype)
 
     def _remap(self, height: int, width: int) -> Arguments:
-        src = self.picture(self.side(), self.side())
+        src = self.image(self.side(), self.side())
         dst = self.b.empty((height, width, src.shape[2]), src.dtype)
         interpolation = int(self.random.integers(0, 3))
-        made: Arguments = {"src": src, "dst": dst, "interpolation": interpolation, "border": 0.0}
+        arguments: Arguments = {
+            "src": src,
+            "dst": dst,
+            "interpolation": interpolation,
+            "border": 0.0,
+        }
         if interpolation == 2 and self.random.random() < 0.5:
-            made["averages"] = self.averages(height, width, 16)
-        return made
+            arguments["averages"] = self.averages(height, width, 16)
+        return arguments
 
     def averages(self, height: int, width: int, step: int) -> Any:
         taps = self.random.integers(1, 4, (-(-height // step), -(-width // step), 2))
         return self.module.Averages(self.b.copy(taps, "uint8"), step, 1.2, None)
 
     def remap(self) -> Arguments:
-        made = self._remap(self.side(), self.side())
-        return {**made, "coordinates": self.places(*made["dst"].shape[:2], made["src"])}
+        arguments = self._remap(self.side(), self.side())
+        return {
+            **arguments,
+            "coordinates": self.coordinates(*arguments["dst"].shape[:2], arguments["src"]),
+        }
 
     def remap_polar(self) -> Arguments:
-        made = self._remap(self.side(), self.side(200))
-        height, width = made["dst"].shape[:2]
+        arguments = self._remap(self.side(), self.side(200))
+        height, width = arguments["dst"].shape[:2]
         angle = self.random.uniform(0, 6, width)
         return {
-            **made,
+            **arguments,
             "radii": self.floats(height, high=20, dtype="float32"),
             "x": 20.0,
             "y": 20.0,
@@ -147,58 +155,62 @@ class Recipes:
             self.side(200),
             int(self.random.choice([4, 8, 16, 32, 64])),
         )
-        made = self._remap(height, width) | self.lattice(height, width, step)
-        made.pop("averages", None)
-        if made["interpolation"] == 2:
-            made["averages"] = self.averages(height, width, step)
+        arguments = self._remap(height, width) | self.lattice(height, width, step)
+        arguments.pop("averages", None)
+        if arguments["interpolation"] == 2:
+            arguments["averages"] = self.averages(height, width, step)
         if self.random.random() < 0.5:  # all cells are interpolated within the image
-            made["cells"][...], made["src"] = (
+            arguments["cells"][...], arguments["src"] = (
                 -1,
                 self.b.copy(self.random.integers(0, 255, (70, 80, 3)), "uint8"),
             )
-            made["dst"] = self.b.empty((height, width, 3), "uint8")
+            arguments["dst"] = self.b.empty((height, width, 3), "uint8")
             for name in "xy":
-                made[name][...] = self.random.uniform(30, 40, made[name].shape)
+                arguments[name][...] = self.random.uniform(30, 40, arguments[name].shape)
         return {
-            **made,
+            **arguments,
             **{name: self.b.copy(node_weights(step)) for name in ("weights", "row_weights")},
         }
 
-    def squared_sides_of_nodes(self) -> Arguments:
-        made = self.lattice(self.side(), self.side(), 8)
-        return {**made, "step": 8, "out": self.b.empty((*made["cells"].shape, 2), "float32")}
+    def squared_sides_of_lattice(self) -> Arguments:
+        arguments = self.lattice(self.side(), self.side(), 8)
+        return {
+            **arguments,
+            "step": 8,
+            "out": self.b.empty((*arguments["cells"].shape, 2), "float32"),
+        }
 
     def Averages(self) -> Arguments:
         taps = self.b.copy(self.random.integers(1, 4, (3, 2, 2)), "uint8")
-        return {"taps": taps, "step": 16, "sharp": 1.2, "ring": (9.0, 9.0, 1.0, 20.0)}
+        return {"taps": taps, "step": 16, "sharp_px": 1.2, "annulus": (9.0, 9.0, 1.0, 20.0)}
 
     def PackedMap(self) -> Arguments:
-        src = self.picture(self.side(), self.side())
+        src = self.image(self.side(), self.side())
         height, width, channels = src.shape
-        coordinates = self.places(self.side(), self.side(), src)
+        coordinates = self.coordinates(self.side(), self.side(), src)
         return {
             "coordinates": coordinates,
             "width": width,
             "height": height,
             "channels": channels,
-            "deep": src.dtype != np.uint8,
+            "is_deep": src.dtype != np.uint8,
             "interpolation": int(self.random.integers(0, 3)),
         }
 
     def PackedMap_sample(self) -> tuple[Any, Arguments]:
-        made = self._remap(self.side(), self.side())
-        src, dst = made["src"], made["dst"]
-        places = self.places(*dst.shape[:2], src)
-        interpolation = made.pop("interpolation")
+        arguments = self._remap(self.side(), self.side())
+        src, dst = arguments["src"], arguments["dst"]
+        coordinates = self.coordinates(*dst.shape[:2], src)
+        interpolation = arguments.pop("interpolation")
         packed = self.module.PackedMap(
-            places,
+            coordinates,
             src.shape[1],
             src.shape[0],
             src.shape[2],
             bool(src.dtype != np.uint8),
             interpolation,
         )
-        return packed, {**made, "coordinates": places}
+        return packed, {**arguments, "coordinates": coordinates}
 
     def AxialCamera(self) -> Arguments:
         return {
@@ -240,12 +252,12 @@ class Recipes:
             "image_radius": 0.0,
             "wavelength": 550.0,
             "inverse_distance": self.b.copy(np.zeros(angles)),
-            "least_omega": 0.0,
+            "min_omega": 0.0,
             "search": FOCUS_SEARCH,
             "lens": self.floats(cells + 1, 2, 27) if is_lens else self.b.empty((0, 2, 1), float),
             "lens_numbers": (0.5, 11.6, 4.0, 0.0, 0.0, -0.01, 0.01),
-            "walls": self.floats(designs, 7, low=0.1),
-            "wall": (kind, 1.5, 1.0),
+            "shells": self.floats(designs, 7, low=0.1),
+            "shell": (kind, 1.5, 1.0),
             "columns": self.b.empty((10, designs, angles), float),
             "results": self.b.empty((3, designs), float),
         }
@@ -280,7 +292,7 @@ class Recipes:
             "rod_z": (0.0, 100.0 * some),
             "rod_radius": (1.0, 1.0),
             "housing_light": (0.1,) * 3,
-            "sees_past": True,
+            "direct_view": True,
             "rotation": tuple(np.eye(3).ravel()),
             "shift": (0.0,) * 3,
             "distant": some,
@@ -330,35 +342,37 @@ class Recipes:
         return {**self.exposure(), "environment": world, "light": light}
 
     def expose_rays(self) -> Arguments:
-        made = self.exposure()
-        shape = (self.side(9), self.side(20), len(made["points"]))
+        arguments = self.exposure()
+        shape = (self.side(9), self.side(20), len(arguments["points"]))
         vectors = {name: self.b.empty((*shape, 3), "float32") for name in ("origins", "directions")}
         weights, fates = self.b.empty(shape, "float32"), self.b.empty(shape, "uint8")
-        return {**made, **vectors, "weights": weights, "fates": fates}
+        return {**arguments, **vectors, "weights": weights, "fates": fates}
 
     def expose_surfaces(self) -> Arguments:
-        made = self.exposure()
+        arguments = self.exposure()
         shape = self.side(9), self.side(20)
-        most = int(np.prod(shape)) * len(made["points"]) if self.random.random() < 0.7 else 0
+        maximum = (
+            int(np.prod(shape)) * len(arguments["points"]) if self.random.random() < 0.7 else 0
+        )
         return {
-            **made,
+            **arguments,
             "surfaces": self.module.Surfaces(**self.Surfaces()),
             "light": self.b.empty((*shape, 3), "float32"),
-            "open_pixels": self.b.empty((most,), "int32"),
-            "open_rays": self.b.empty((most, 7), "float32"),
+            "open_pixels": self.b.empty((maximum,), "int32"),
+            "open_rays": self.b.empty((maximum, 7), "float32"),
         }
 
-    def meet_boxes(self) -> Arguments:
+    def intersect_boxes(self) -> Arguments:
         count = self.side(99)
         rays = {name: self.floats(count, 3) for name in ("origins", "directions")}
         out = {"distances": self.b.empty((count,), float), "faces": self.b.empty((count,), "int32")}
         return {"corners": self.floats(2, self.side(5), 3), **rays, **out}
 
-    def lead_through_boxes(self) -> Arguments:
+    def are_blocked(self) -> Arguments:
         count = self.side(99)
         rays = {name: self.floats(count, 3) for name in ("origins", "segments")}
         corners = self.floats(2, self.side(5), 3)
-        return {"corners": corners, **rays, "through": self.b.empty((count,), "uint8")}
+        return {"corners": corners, **rays, "blocked": self.b.empty((count,), "uint8")}
 
     def BlurKernels(self) -> Arguments:
         width, height, block = self.side(50), self.side(50), int(self.random.choice([1, 2, 4, 8]))
@@ -380,34 +394,34 @@ class Recipes:
             "concentration": self.b.copy(np.ones((height, width)), "float32"),
         }
 
-    def Sharpening(self) -> Arguments:
-        made = self.BlurKernels()
-        shape = made["height"], made["width"], int(self.random.choice([1, 3]))
+    def Deconvolution(self) -> Arguments:
+        arguments = self.BlurKernels()
+        shape = arguments["height"], arguments["width"], int(self.random.choice([1, 3]))
         roots, guess = (self.floats(*shape, low=0, dtype="float32") for _ in range(2))
-        return {"kernels": self.module.BlurKernels(**made), "roots": roots, "guess": guess}
+        return {"kernels": self.module.BlurKernels(**arguments), "roots": roots, "guess": guess}
 
-    def _sharpening(self) -> tuple[Any, tuple[int, int, int]]:
-        made = self.Sharpening()
-        return self.module.Sharpening(**made), made["roots"].shape
+    def _deconvolution(self) -> tuple[Any, tuple[int, int, int]]:
+        arguments = self.Deconvolution()
+        return self.module.Deconvolution(**arguments), arguments["roots"].shape
 
-    def Sharpening_improve(self) -> tuple[Any, Arguments]:
-        sharp, shape = self._sharpening()
+    def Deconvolution_improve(self) -> tuple[Any, Arguments]:
+        deconvolution, shape = self._deconvolution()
         costs = self.floats(*shape[:2], low=0, dtype="float32")
-        return sharp, {"costs": costs, "steps": self.b.copy([3], "int32")}
+        return deconvolution, {"costs": costs, "steps": self.b.copy([3], "int32")}
 
-    def Sharpening_log_steepness(self) -> tuple[Any, Arguments]:
-        sharp, shape = self._sharpening()
-        return sharp, {"logarithms": self.b.empty(shape[:2], "float32")}
+    def Deconvolution_log_steepness(self) -> tuple[Any, Arguments]:
+        deconvolution, shape = self._deconvolution()
+        return deconvolution, {"logarithms": self.b.empty(shape[:2], "float32")}
 
-    def Sharpening_blurred(self) -> tuple[Any, Arguments]:
-        sharp, shape = self._sharpening()
-        return sharp, {"light": self.b.empty(shape, "float32")}
+    def Deconvolution_blurred(self) -> tuple[Any, Arguments]:
+        deconvolution, shape = self._deconvolution()
+        return deconvolution, {"light": self.b.empty(shape, "float32")}
 
-    Sharpening_light = Sharpening_blurred
+    Deconvolution_light = Deconvolution_blurred
 
     # -- tolerancing
 
-    def judge_trials(self) -> Arguments:
+    def evaluate_trials(self) -> Arguments:
         trials, n, terms, powers = (
             self.side(99),
             self.side(20),
@@ -439,13 +453,13 @@ class Recipes:
             "is_conic": True,
             "rim": 40.0,
             "table": (self.floats(pieces, 6), 1.0),
-            "objects": objects,
-            "rows": rows,
+            "object_field": objects,
+            "compensators": rows,
             "search": (20, 1e-9, 1e9, 1.0, 20),
             "refocus": int(self.random.integers(0, 3)),
             "floor": 1.0,
             "merits": self.b.empty((trials, 24), float),
-            "moved": self.b.empty((trials, 2 * n), float),
+            "displacements": self.b.empty((trials, 2 * n), float),
         }
 
     # -- tracing
@@ -467,25 +481,25 @@ class Recipes:
             "states": self.b.empty((count,), "uint8"),
         }
 
-    def meet_mirror(self) -> Arguments:
+    def intersect_mirror(self) -> Arguments:
         count = self.side(200)
         return {
             "surface": self.surface(),
             "search": (20, 5, 1e-9, 1e-3, 0.3, 1.2, 1e-9),
             "depth": self.floats(self.side(20), 4, high=200),
-            "most_tangent": 0.3,
-            "ways": self.floats(3, count),
+            "max_tangent": 0.3,
+            "directions": self.floats(3, count),
             "rows": self.b.empty((6, count), float),
             "states": self.b.empty((count,), "uint8"),
         }
 
-    def wall(self) -> tuple[Any, ...]:
+    def shell(self) -> tuple[Any, ...]:
         return int(self.random.integers(0, 3)), (-10.0, -12.0), (60.0, 63.0), 1.49, 1.0
 
-    def leave_wall(self) -> Arguments:
+    def shell_exit(self) -> Arguments:
         count = self.side(99)
         return {
-            "wall": self.wall(),
+            "shell": self.shell(),
             "points": self.floats(count, 3),
             "directions": self.floats(count, 3),
             "vectors": self.b.empty((5, count, 3), float),
@@ -493,18 +507,18 @@ class Recipes:
             "flags": self.b.empty((2, count), "uint8"),
         }
 
-    def find_covered(self) -> Arguments:
+    def find_reflections_through_shell(self) -> Arguments:
         count = self.side(99)
         meridian = self.floats(self.side(30), 8)
         return {
             "mirror": (meridian, 1.0, 20.0, self.b.copy(np.eye(3)), self.floats(3)),
-            "wall": self.wall(),
+            "shell": self.shell(),
             "ends": (-100.0, 100.0),
             "search": (20, 0.3, 1e-9),
             "pupils": (self.floats(count, 3), False),
             "targets": (self.floats(count, 3, high=300), bool(self.random.integers(0, 2))),
             "xy": self.floats(count, 2, high=20),
-            "settled": self.b.empty((count,), "uint8"),
+            "converged": self.b.empty((count,), "uint8"),
         }
 
     # -- all
@@ -515,10 +529,10 @@ class Recipes:
     def get_threads(self) -> Arguments:
         return {}
 
-    def instructions(self) -> Arguments:
+    def instruction_set(self) -> Arguments:
         return {}
 
-    def use_instructions(self) -> Arguments:
+    def set_instruction_set(self) -> Arguments:
         return {
             "name": str(
                 self.random.choice(["plain", "avx2", "avx512", "avx512-gather", "neon", "mmx"])
@@ -539,10 +553,10 @@ def functions_of(module: Any) -> Iterator[tuple[str, Callable[..., Any]]]:
                     yield f"{name}.{method}", function
 
 
-# -- hostile arguments ----------------------------------------------------------------------------
+# -- invalid arguments ----------------------------------------------------------------------------
 
 
-def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> Any:
+def invalid_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> Any:
     """Return an array with one modification."""
     random = b.random
     way = int(random.integers(0, 11))
@@ -595,14 +609,14 @@ def hostile_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
     )
 
 
-def hostile(value: Any, others: list[np.ndarray], b: Buffers) -> Any:
+def invalid(value: Any, others: list[np.ndarray], b: Buffers) -> Any:
     """Return an argument with one modification."""
     random = b.random
     if isinstance(value, np.ndarray) and random.random() < 0.9:
-        return hostile_array(value, others, b)
+        return invalid_array(value, others, b)
     if isinstance(value, tuple) and value and random.random() < 0.9:
         at = int(random.integers(0, len(value)))
-        return (*value[:at], hostile(value[at], others, b), *value[at + 1 :])
+        return (*value[:at], invalid(value[at], others, b), *value[at + 1 :])
     return ODD_NUMBERS[int(random.integers(0, len(ODD_NUMBERS)))]
 
 
@@ -621,25 +635,25 @@ def run(calls: int, seed: int) -> dict[str, tuple[int, int]]:
     for number in range(calls):
         name = names[number % len(names)]
         b = Buffers(np.random.default_rng([seed, number]))
-        module.use_instructions(str(b.random.choice(instructions)))
+        module.set_instruction_set(str(b.random.choice(instructions)))
         recipes = Recipes(b, module)
-        made = getattr(recipes, name.replace(".", "_"))()
-        bound, arguments = made if isinstance(made, tuple) else (None, made)
+        call = getattr(recipes, name.replace(".", "_"))()
+        bound, arguments = call if isinstance(call, tuple) else (None, call)
         for _ in range(int(b.random.integers(0, 4))):
             if arguments:
                 which = str(b.random.choice(sorted(arguments)))
-                arguments[which] = hostile(
+                arguments[which] = invalid(
                     arguments[which], arrays_in(tuple(arguments.values())) or [np.zeros(3)], b
                 )
         function = functions[name]
-        answered, refused = counts[name]
+        completed, rejected = counts[name]
         try:
             result = function(**arguments) if bound is None else function(bound, **arguments)
             if name in ("PackedMap", "Surfaces"):
                 result.nbytes if name == "PackedMap" else result.records.sum()
-            counts[name] = answered + 1, refused
-        except REFUSALS:
-            counts[name] = answered, refused + 1
+            counts[name] = completed + 1, rejected
+        except REJECTIONS:
+            counts[name] = completed, rejected + 1
         b.check()
         if name == "set_threads":
             module.set_threads(2)
@@ -652,8 +666,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="Random seed.")
     options = parser.parse_args()
     faulthandler.enable()
-    for name, (answered, refused) in run(options.calls, options.seed).items():
-        print(f"{name}: {answered} answered, {refused} refused")
+    for name, (completed, rejected) in run(options.calls, options.seed).items():
+        print(f"{name}: {completed} completed, {rejected} rejected")
 
 
 if __name__ == "__main__":

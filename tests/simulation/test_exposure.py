@@ -68,9 +68,9 @@ def test_compiled_rays_match_double_precision(name, pose, flipped):
     )
     assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.outcome))
     assert np.mean(fast.outcome != slow.outcome) < 1e-4  # rays that graze an edge
-    seen = (fast.outcome == slow.outcome) & (slow.outcome != rays.HIDDEN)
+    seen = (fast.outcome == slow.outcome) & (slow.outcome != rays.OBSCURED)
     np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-6)
-    hidden = (fast.outcome == slow.outcome) & (slow.outcome == rays.HIDDEN)
+    hidden = (fast.outcome == slow.outcome) & (slow.outcome == rays.OBSCURED)
     assert (
         np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3
     )  # rays that graze a ring

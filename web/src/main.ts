@@ -2,11 +2,11 @@ import { background } from "./shared/background";
 import { NoWebGL } from "./look/drawing/renderer";
 import { embedded } from "./look/embedded";
 import { Look } from "./look/look";
-import { alone } from "./look/supply";
+import { alone } from "./look/data_source";
 import * as api from "./shared/api";
 import { banner, fail, reportUnhandled, say } from "./shared/notices";
 import { Store } from "./shared/store";
-import { AWAY } from "./shared/texts";
+import { SERVER_UNAVAILABLE } from "./shared/texts";
 import { ProjectMenu } from "./project";
 import { Tabs } from "./tabs";
 
@@ -26,7 +26,7 @@ function watchServer(look: Look, tabs: Tabs): void {
     try {
       if (document.visibilityState === "visible") {
         const there = await api.isThere();
-        banner(there ? null : AWAY, "server");
+        banner(there ? null : SERVER_UNAVAILABLE, "server");
         if (there && wasAway) {
           say("The server is available again.");
           if (!look.sensor.camera) await look.begin().catch(fail);
@@ -66,7 +66,7 @@ async function main(): Promise<void> {
     return banner(e.message);
   }
   window.omnimirror = { look, store, tabs };
-  store.entered = () => banner(store.trouble, "address");
+  store.entered = () => banner(store.error, "address");
   store.entered();
   if (embedded()) return look.beginEmbedded();
   if (!alone) {

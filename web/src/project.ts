@@ -4,18 +4,18 @@ import {
   identityIn,
   identityOf,
   keep,
-  keepPicture,
-  kept,
-  keptPicture,
+  storeImage,
+  stored,
+  storedImage,
   sourceOf,
-} from "./look/feeds/kept";
+} from "./look/feeds/image_storage";
 import type { Look } from "./look/look";
 import { fromHash, toHash } from "./shared/address";
 import * as api from "./shared/api";
 import { byId, save } from "./shared/dom";
 import { fail, say } from "./shared/notices";
 import { checkReadable } from "./shared/media";
-import { locals, parsed, put, sessions, taken } from "./shared/storage";
+import { locals, parsed, put, sessions, load } from "./shared/storage";
 import type { Store } from "./shared/store";
 
 const KIND = "omnimirror project";
@@ -30,7 +30,7 @@ interface Project {
   version: number;
   /** State that differs from the default, as in the address. */
   state: string;
-  picture: { name: string; type: string; data: string } | null;
+  image: { name: string; type: string; data: string } | null;
   sensor: { name: string; optics?: "mirror" | "fisheye"; isMade?: boolean; text: string } | null;
   /** Design bench: design, history, pinned designs. */
   bench: string | null;
@@ -68,16 +68,16 @@ export class ProjectMenu {
   private async save(): Promise<void> {
     this.store.leaving(); // commit an edited number field whose change event has not fired yet
     const { state } = this.store;
-    const picture = await this.picture();
-    const sensor = state.sensor.startsWith("file:") ? await kept(state.sensor) : undefined;
+    const image = await this.image();
+    const sensor = state.sensor.startsWith("file:") ? await stored(state.sensor) : undefined;
     const project: Project = {
       kind: KIND,
       version: VERSION,
-      state: toHash({ ...state, source: picture?.source ?? state.source }),
-      picture: picture && {
-        name: picture.name,
-        type: picture.blob.type,
-        data: await base64(picture.blob),
+      state: toHash({ ...state, source: image?.source ?? state.source }),
+      image: image && {
+        name: image.name,
+        type: image.blob.type,
+        data: await base64(image.blob),
       },
       sensor: sensor
         ? {
@@ -87,29 +87,29 @@ export class ProjectMenu {
             text: await sensor.blob.text(),
           }
         : null,
-      bench: taken(sessions, BENCH) ?? taken(locals, BENCH),
+      bench: load(sessions, BENCH) ?? load(locals, BENCH),
     };
-    const name = `${(picture?.name ?? "project").replace(/\.\w+$/, "")}${ENDING}`;
+    const name = `${(image?.name ?? "project").replace(/\.\w+$/, "")}${ENDING}`;
     save(new Blob([JSON.stringify(project)], { type: "application/json" }), name);
     say(
-      `${name} contains the view${picture ? `, ${picture.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`,
+      `${name} contains the view${image ? `, ${image.name}` : ""}${sensor ? ` and ${sensor.name}` : ""}`,
     );
   }
 
   /** Return the current image with its identity; null if there is none, or for the demo room. */
-  private async picture(): Promise<{ blob: Blob; name: string; source: string } | null> {
+  private async image(): Promise<{ blob: Blob; name: string; source: string } | null> {
     const { feed } = this.look;
     const { source } = this.store.state;
     if (!feed || source === "room") return null;
     const identity = identityIn(source);
-    const own = identity ? await keptPicture(identity) : undefined;
+    const own = identity ? await storedImage(identity) : undefined;
     if (!own && feed.moves)
-      throw new api.Refused(
+      throw new api.RequestRejected(
         `Projects contain images and video files; ${feed.name} is a live source. Save a snapshot, or open a file.`,
       );
-    const blob = own?.blob ?? (await fileOf(feed)).picture;
+    const blob = own?.blob ?? (await fileOf(feed)).image;
     if (blob.size > MAX_BYTES)
-      throw new api.Refused(
+      throw new api.RequestRejected(
         `${feed.name} has ${(blob.size / 2 ** 20).toFixed(0)} MB; the maximum in a project is ${MAX_BYTES >> 20} MB. Copy the link instead, and share the file separately.`,
       );
     return {
@@ -123,12 +123,12 @@ export class ProjectMenu {
     await checkReadable(file, file instanceof File ? file.name : "The project");
     const project = projectIn(await file.text());
     const { state } = fromHash(project.state);
-    if (project.picture) {
-      const { name, type, data } = project.picture;
+    if (project.image) {
+      const { name, type, data } = project.image;
       const blob = unpacked(data, type);
-      await keepPicture(await identityOf(blob, name), { blob, name });
-      if (!(await keptPicture(await identityOf(blob, name))))
-        throw new api.Refused(
+      await storeImage(await identityOf(blob, name), { blob, name });
+      if (!(await storedImage(await identityOf(blob, name))))
+        throw new api.RequestRejected(
           `This browser cannot store ${name}; private windows do not support projects.`,
         );
     }
@@ -148,14 +148,16 @@ export class ProjectMenu {
 
 /** Parse a project file. */
 function projectIn(text: string): Project {
-  const found = parsed(text) as Partial<Project> | null | undefined;
-  if (found?.kind !== KIND || typeof found.state !== "string")
-    throw new api.Refused(`The file must be a project file (${ENDING}) written by Save project.`);
-  if (found.version !== VERSION)
-    throw new api.Refused(
-      `The project file has version ${String(found.version)}; this version of omnimirror supports version ${VERSION}. Update omnimirror.`,
+  const result = parsed(text) as Partial<Project> | null | undefined;
+  if (result?.kind !== KIND || typeof result.state !== "string")
+    throw new api.RequestRejected(
+      `The file must be a project file (${ENDING}) written by Save project.`,
     );
-  return { picture: null, sensor: null, bench: null, ...found } as Project;
+  if (result.version !== VERSION)
+    throw new api.RequestRejected(
+      `The project file has version ${String(result.version)}; this version of omnimirror supports version ${VERSION}. Update omnimirror.`,
+    );
+  return { image: null, sensor: null, bench: null, ...result } as Project;
 }
 
 async function base64(blob: Blob): Promise<string> {

@@ -1,39 +1,43 @@
 import { background } from "./shared/background";
-import type { begin as beginBench } from "./bench/begin";
-import type { Bench } from "./bench/bench";
-import type { Host as BenchHost } from "./bench/host";
-import type { begin as beginCalibrate } from "./calibrate/begin";
+import type { begin as beginDesign } from "./design/entry";
+import type { Bench } from "./design/bench";
+import type { Host as BenchHost } from "./design/host";
+import type { begin as beginCalibrate } from "./calibrate/entry";
 import type { Calibrate } from "./calibrate/calibrate";
 import type { Host as CalibrateHost } from "./calibrate/host";
 import type { Look } from "./look/look";
-import { isForeseen } from "./shared/api";
-import { byId, heldBy } from "./shared/dom";
+import { isUserError } from "./shared/api";
+import { byId, embeddedData } from "./shared/dom";
 import type { StandaloneBench } from "./shared/messages";
 import { banner, copy, report, say } from "./shared/notices";
 import type { State } from "./shared/state";
 import type { Store } from "./shared/store";
-import { unfetched } from "./shared/texts";
+import { loadFailed } from "./shared/texts";
 
-type Fetched = "bench" | "calibrate";
+type LazyTab = "design" | "calibrate";
 
 /** Tabs whose scripts are loaded on first use: element and title. */
-const FETCHED: Partial<Record<State["tab"], { place: Fetched; title: string }>> = {
-  design: { place: "bench", title: "The design bench" },
+const LAZY_TABS: Partial<Record<State["tab"], { place: LazyTab; title: string }>> = {
+  design: { place: "design", title: "The design bench" },
   calibrate: { place: "calibrate", title: "The calibration" },
 };
-const PLACES = { look: "look", design: "bench", calibrate: "calibrate" } as const;
-const SHOWN = { look: "#stage", design: "#bench .desk", calibrate: "#calibrate .desk" } as const;
+const ELEMENT_IDS = { look: "look", design: "design", calibrate: "calibrate" } as const;
+const MAIN_REGIONS = {
+  look: "#stage",
+  design: "#design .desk",
+  calibrate: "#calibrate .desk",
+} as const;
 
 /** Interface of both scripts. */
 interface Script {
-  begin: typeof beginBench & typeof beginCalibrate;
+  begin: typeof beginDesign & typeof beginCalibrate;
 }
 
 /** Load a script; null on failure. A page without a server contains that of the bench. */
-async function fetched(name: Fetched): Promise<Script | null> {
-  const held = name === "bench" ? heldBy<StandaloneBench>("bench-alone")?.script : null;
-  const own = held && URL.createObjectURL(new Blob([held], { type: "text/javascript" }));
-  const address = own || (import.meta.env.DEV ? `/src/${name}/begin.ts` : `./${name}.js`);
+async function loadScript(name: LazyTab): Promise<Script | null> {
+  const embedded = name === "design" ? embeddedData<StandaloneBench>("bench-alone")?.script : null;
+  const own = embedded && URL.createObjectURL(new Blob([embedded], { type: "text/javascript" }));
+  const address = own || (import.meta.env.DEV ? `/src/${name}/entry.ts` : `./${name}.js`);
   try {
     return (await import(/* @vite-ignore */ address)) as Script;
   } catch {
@@ -46,21 +50,21 @@ async function fetched(name: Fetched): Promise<Script | null> {
 /** Tabs of the page; all but the first are loaded on first use. */
 export class Tabs {
   look: Look | null = null;
-  bench: Bench | null = null;
+  design: Bench | null = null;
   calibrate: Calibrate | null = null;
-  private readonly fetching = new Set<Fetched>();
+  private readonly fetching = new Set<LazyTab>();
 
   constructor(private readonly store: Store) {
     for (const button of document.querySelectorAll<HTMLButtonElement>("#tabs button"))
       button.addEventListener("click", () => store.set({ tab: button.value as State["tab"] }));
     document.querySelector(".skip")!.addEventListener("click", (e) => {
       e.preventDefault(); // the fragment contains the state
-      document.querySelector<HTMLElement>(SHOWN[store.state.tab])?.focus();
+      document.querySelector<HTMLElement>(MAIN_REGIONS[store.state.tab])?.focus();
     });
     store.listen((s, changed) => {
       if (changed.has("tab")) this.show();
-      if (changed.has("design")) this.bench?.goTo(s.design);
-      if (changed.has("errors")) this.bench?.tryErrors(s.errors);
+      if (changed.has("design")) this.design?.goTo(s.design);
+      if (changed.has("errors")) this.design?.setErrorsFrom(s.errors);
     });
     this.show();
   }
@@ -72,25 +76,25 @@ export class Tabs {
       if (button.value === tab) button.setAttribute("aria-current", "page");
       else button.removeAttribute("aria-current");
     }
-    document.querySelector(".skip")!.setAttribute("href", `#${PLACES[tab]}`);
-    for (const [name, place] of Object.entries(PLACES)) byId(place).hidden = name !== tab;
-    const wanted = FETCHED[tab];
-    if (wanted && !this[wanted.place] && !this.fetching.has(wanted.place))
-      background(this.fetch(tab, wanted.place, wanted.title));
+    document.querySelector(".skip")!.setAttribute("href", `#${ELEMENT_IDS[tab]}`);
+    for (const [name, place] of Object.entries(ELEMENT_IDS)) byId(place).hidden = name !== tab;
+    const requested = LAZY_TABS[tab];
+    if (requested && !this[requested.place] && !this.fetching.has(requested.place))
+      background(this.fetch(tab, requested.place, requested.title));
   }
 
-  private async fetch(tab: State["tab"], place: Fetched, title: string): Promise<void> {
+  private async fetch(tab: State["tab"], place: LazyTab, title: string): Promise<void> {
     this.fetching.add(place);
     try {
-      const made = await fetched(place);
-      if (!made) return banner(unfetched(title), place);
+      const script = await loadScript(place);
+      if (!script) return banner(loadFailed(title), place);
       banner(null, place);
-      if (place === "bench") this.bench = await made.begin(this.benchHost());
-      else this.calibrate = await made.begin(this.calibrateHost());
+      if (place === "design") this.design = await script.begin(this.designHost());
+      else this.calibrate = await script.begin(this.calibrateHost());
       byId(`${place}-busy`).hidden = true;
     } catch (e) {
       this.clear(tab, place);
-      if (!isForeseen(e)) throw e;
+      if (!isUserError(e)) throw e;
       report(e, place);
     } finally {
       this.fetching.delete(place);
@@ -98,13 +102,13 @@ export class Tabs {
   }
 
   /** Remove the elements of a tab that failed to load, so that it can be retried. */
-  private clear(tab: State["tab"], name: Fetched): void {
+  private clear(tab: State["tab"], name: LazyTab): void {
     byId(name).replaceChildren(byId(`${name}-busy`));
     for (const part of document.querySelectorAll(`header [data-tab="${tab}"]`)) part.remove();
   }
 
   private hostOf(
-    place: Fetched,
+    place: LazyTab,
     tab: State["tab"],
   ): Pick<BenchHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
     return {
@@ -116,9 +120,9 @@ export class Tabs {
     };
   }
 
-  private benchHost(): BenchHost {
+  private designHost(): BenchHost {
     return {
-      ...this.hostOf("bench", "design"),
+      ...this.hostOf("design", "design"),
       address: () => this.store.state.design,
       setAddress: (design) => this.store.set({ design }),
       errors: () => this.store.state.errors,
@@ -133,8 +137,8 @@ export class Tabs {
     return {
       ...this.hostOf("calibrate", "calibrate"),
       copy: (command) => background(copy(command, "Command")),
-      lookThrough: (file, name, picture, pictureName) =>
-        this.lookThrough(file, name, (look) => look.sources.openFile(picture, pictureName)),
+      lookThrough: (file, name, image, imageName) =>
+        this.lookThrough(file, name, (look) => look.sources.openFile(image, imageName)),
     };
   }
 

@@ -22,9 +22,9 @@ const STATES: Partial<State>[] = [
 
 test.each(STATES)("%j comes back", (change) => {
   const state = { ...INITIAL, ...change };
-  const { state: again, trouble } = fromHash(toHash(state));
+  const { state: again, error } = fromHash(toHash(state));
   expect(again).toEqual(limited(state));
-  expect(trouble).toBeNull();
+  expect(error).toBeNull();
 });
 
 test("what is as at first is not in the address", () => {
@@ -55,20 +55,20 @@ describe("what cannot be is left out, and said", () => {
     ["looks=sideways", "looks must be one of up, down, forward; got sideways"],
     ["tab=bake", "tab must be one of look, design, calibrate; got bake"],
     ["roll=181", "roll must be between -180 and 180; got 181"],
-  ])("%s", (hash, said) => {
-    const { state, trouble } = fromHash(`#${hash}&tilt=7`);
+  ])("%s", (hash, status) => {
+    const { state, error } = fromHash(`#${hash}&tilt=7`);
     expect(state).toEqual({ ...INITIAL, tilt: 7 });
-    expect(trouble).toBe(`Ignored invalid entries of the address: ${said}.`);
+    expect(error).toBe(`Ignored invalid entries of the address: ${status}.`);
   });
 
   test("all of it at once", () =>
-    expect(fromHash("#mode=cube&hfov=0").trouble).toMatch(
+    expect(fromHash("#mode=cube&hfov=0").error).toMatch(
       /hfov must be .*; got 0; mode must be .*; got cube/,
     ));
   test("of something endless only the beginning", () =>
-    expect(fromHash(`#mode=${"x".repeat(500)}`).trouble!.length).toBeLessThan(200));
+    expect(fromHash(`#mode=${"x".repeat(500)}`).error!.length).toBeLessThan(200));
   test("entries that no page ever had are nobody's trouble", () =>
-    expect(fromHash("#utm=1&pan=3")).toEqual({ state: { ...INITIAL, pan: 3 }, trouble: null }));
+    expect(fromHash("#utm=1&pan=3")).toEqual({ state: { ...INITIAL, pan: 3 }, error: null }));
 });
 
 test("angles go round, other numbers end at their ends, and none is finer than a command tells it", () => {

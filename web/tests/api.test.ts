@@ -1,14 +1,14 @@
 /** Requests to the server, its rejections, and missing responses. */
 import { afterEach, expect, test, vi } from "vitest";
 import * as api from "../src/shared/api";
-import { unpack } from "../src/shared/framing";
+import { unpack } from "../src/shared/binary_messages";
 
-const asked: [string, RequestInit | undefined][] = [];
+const request: [string, RequestInit | undefined][] = [];
 
 function answering(...answers: (Response | Error)[]): void {
-  asked.length = 0;
+  request.length = 0;
   vi.stubGlobal("fetch", (url: string, init?: RequestInit) => {
-    asked.push([url, init]);
+    request.push([url, init]);
     const answer = answers.shift()!;
     return answer instanceof Error ? Promise.reject(answer) : Promise.resolve(answer);
   });
@@ -29,7 +29,7 @@ test("what is null is not asked, and names may be anything", async () => {
     pitch_deg: null,
     roll_deg: null,
   });
-  expect(asked.map(([url]) => url)).toEqual([
+  expect(request.map(([url]) => url)).toEqual([
     "api/camera?id=file%3Aa%26b&camera_looks=down&image_flipped=true",
     "api/camera/tables?id=file%3Aa%26b&image_flipped=true",
   ]);
@@ -40,12 +40,12 @@ test("files are handed up, objects as JSON", async () => {
   answering(new Response("{}"), new Response("text"));
   const file = new Blob(["x"]);
   await api.loadSensor(file, "my sensor.toml");
-  expect(asked[0]).toEqual([
+  expect(request[0]).toEqual([
     "api/sensors?name=my+sensor.toml&optics=mirror",
     { method: "POST", body: file },
   ]);
   await api.requirements({ requirements: {}, tables: { name: "ü" } });
-  expect(asked.at(-1)![1]).toMatchObject({
+  expect(request.at(-1)![1]).toMatchObject({
     method: "POST",
     body: '{"requirements":{},"tables":{"name":"ü"}}',
   });
@@ -66,30 +66,30 @@ test.each<[Response, string]>([
   [refusal([{ loc: ["body"], msg: "Field required", input: { a: 1 } }]), "body: Field required."],
   [new Response("<html>", { status: 502 }), "The request failed (HTTP status 502)."],
   [refusal(undefined, 500), "The request failed (HTTP status 500)."],
-])("a refusal is told in its own sentence", async (answer, sentence) => {
+])("a refusal is told in its own sentence", async (answer, message) => {
   answering(answer);
   const error = await api.start().catch((e: unknown) => e);
-  expect(error).toBeInstanceOf(api.Refused);
-  expect((error as Error).message).toBe(sentence);
+  expect(error).toBeInstanceOf(api.RequestRejected);
+  expect((error as Error).message).toBe(message);
 });
 
 test("a server that is silent is away", async () => {
   answering(new TypeError("failed to fetch"), new TypeError("failed to fetch"), new Response("{}"));
-  await expect(api.start()).rejects.toBeInstanceOf(api.Away);
+  await expect(api.start()).rejects.toBeInstanceOf(api.ServerUnavailable);
   expect(await api.isThere()).toBe(false);
   expect(await api.isThere()).toBe(true);
 });
 
 test("a file has the name that the server gives it", async () => {
-  const asked = { tables: {}, kind: "sag", object_distance_mm: null } as const;
+  const request = { tables: {}, kind: "sag", object_distance_mm: null } as const;
   answering(
     new Response("r,z", {
       headers: { "content-disposition": 'attachment; filename="mine-sag.csv"' },
     }),
     new Response("r,z"),
   );
-  expect((await api.download(asked)).name).toBe("mine-sag.csv");
-  expect((await api.download(asked)).name).toBe("design");
+  expect((await api.download(request)).name).toBe("mine-sag.csv");
+  expect((await api.download(request)).name).toBe("design");
 });
 
 /** Binary message like omnimirror.apps.studio._http_messages: length, padded JSON, bytes. */
@@ -121,9 +121,9 @@ test("a binary message is its header and where its bytes begin", () => {
 
 test("a picture and its panorama come in one message", async () => {
   const [one, two] = [new Uint8Array([1, 2, 3]), new Uint8Array([4, 5])];
-  answering(new Response(framed({ picture_bytes: 3, panorama_bytes: 2 }, one, two)));
-  const { picture, panorama } = await api.taken({ tables: {}, width_px: 10, samples: 1 });
-  expect(new Uint8Array(await picture.arrayBuffer())).toEqual(one);
+  answering(new Response(framed({ image_bytes: 3, panorama_bytes: 2 }, one, two)));
+  const { image, panorama } = await api.renderRoom({ tables: {}, width_px: 10, samples: 1 });
+  expect(new Uint8Array(await image.arrayBuffer())).toEqual(one);
   expect(new Uint8Array(await panorama.arrayBuffer())).toEqual(two);
-  expect(picture.type).toBe("image/jpeg");
+  expect(image.type).toBe("image/jpeg");
 });

@@ -20,8 +20,8 @@ import {
   stateWords,
   unlike,
   whyNot,
-} from "../src/calibrate/words";
-import { pack, unpack } from "../src/shared/framing";
+} from "../src/calibrate/formatting";
+import { pack, unpack } from "../src/shared/binary_messages";
 import type {
   BoardSpec,
   BoardDetection,
@@ -94,11 +94,11 @@ test("pictures have names of their own", () => {
 });
 
 test("a rim is the middle of those that are sure, if most are", () => {
-  const rim = (u: number, radius_px: number, is_sure = true): DetectedOutline => ({
+  const rim = (u: number, radius_px: number, is_reliable = true): DetectedOutline => ({
     centre_px: [u, 100],
     radius_px,
-    confidence: is_sure ? 0.9 : 0.2,
-    is_sure,
+    confidence: is_reliable ? 0.9 : 0.2,
+    is_reliable,
   });
   expect(rimOf([rim(320, 220), rim(322, 224), rim(900, 20, false)])).toEqual({
     centre: [321, 100],
@@ -126,8 +126,8 @@ test("a fisheye is not offered what only mirrors are", () => {
 });
 
 test("what was found is said, or why not", () => {
-  const seen = { ids: [1, 2, 3] } as BoardDetection;
-  expect([stateWords(seen, null), stateWords(seen, "the picture is blank")]).toEqual([
+  const visible = { ids: [1, 2, 3] } as BoardDetection;
+  expect([stateWords(visible, null), stateWords(visible, "the picture is blank")]).toEqual([
     "3 corners",
     "The picture is blank",
   ]);
@@ -140,7 +140,7 @@ const COVERAGE: CoverageInfo = {
     [0, 9, 9, 9],
     [1, 2, 30, 5],
   ],
-  enough: 5,
+  min_corners: 5,
 };
 
 test("cells lie where their corners are counted", () => {

@@ -15,37 +15,37 @@ describe.each(NAMES)("%s", (name) => {
     ["directions", far, false],
     ["points", near, true],
   ] as const)("pixels of %s", (_, pairs, isPoint) => {
-    let seen = 0;
+    let visible = 0;
     for (const [target, pixel] of pairs) {
-      const found = camera.project(vector(target), isPoint);
-      expect(found.seen, String(target)).toBe(pixel !== null);
+      const result = camera.project(vector(target), isPoint);
+      expect(result.visible, String(target)).toBe(pixel !== null);
       if (!pixel) continue;
-      seen++;
+      visible++;
       expect(
-        Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1]),
+        Math.hypot(result.pixel[0] - pixel[0], result.pixel[1] - pixel[1]),
         String(target),
       ).toBeLessThan(NEAR_PX[name]);
     }
-    expect(seen).toBeGreaterThan(15);
+    expect(visible).toBeGreaterThan(15);
   });
 
   test("directions of pixels", () => {
-    let seen = 0;
+    let visible = 0;
     for (const [pixel, direction] of back) {
-      const found = camera.backproject([pixel[0], pixel[1]]);
-      expect(found !== null, String(pixel)).toBe(direction !== null);
-      if (!found || !direction) continue;
-      seen++;
-      expect(between(found, direction), String(pixel)).toBeLessThan(NEAR_RAD[name]);
+      const result = camera.backproject([pixel[0], pixel[1]]);
+      expect(result !== null, String(pixel)).toBe(direction !== null);
+      if (!result || !direction) continue;
+      visible++;
+      expect(between(result, direction), String(pixel)).toBeLessThan(NEAR_RAD[name]);
     }
-    expect(seen).toBeGreaterThan(10);
+    expect(visible).toBeGreaterThan(10);
   });
 
   test("a pixel is seen at its own direction", () => {
     for (const [pixel, direction] of back) {
-      const found = camera.backproject([pixel[0], pixel[1]]);
-      if (!found || !direction) continue;
-      const again = camera.project(found).pixel;
+      const result = camera.backproject([pixel[0], pixel[1]]);
+      if (!result || !direction) continue;
+      const again = camera.project(result).pixel;
       expect(Math.hypot(again[0] - pixel[0], again[1] - pixel[1])).toBeLessThan(1e-4);
     }
   });
@@ -57,8 +57,8 @@ test("a ball seen from afar, by its formula: r = R sin(Omega/2) / sin(field/4)",
   const { axis, right } = camera.model;
   for (const omega of [0.1, 0.7, 1.5, 2.2, 2.6]) {
     const target = axis.map((a, i) => Math.cos(omega) * a + Math.sin(omega) * right[i]);
-    const { pixel, seen } = camera.project(vector(target));
-    expect(seen).toBe(true);
+    const { pixel, visible } = camera.project(vector(target));
+    expect(visible).toBe(true);
     expect(pixel[0] - 511.5).toBeCloseTo((radius * Math.sin(omega / 2)) / Math.sin(field / 4), 3);
     expect(pixel[1]).toBeCloseTo(511.5, 6);
   }
@@ -72,34 +72,34 @@ test("a circle that was moved takes every pixel with it", () => {
   expect(moved.isMoved).toBe(true);
   for (const [target, pixel] of far) {
     if (!pixel) continue;
-    const found = moved.project(vector(target)).pixel;
-    expect(found[0]).toBeCloseTo(200 + (camera.project(vector(target)).pixel[0] - u) / 3, 9);
-    expect(found[1]).toBeCloseTo(150 + (camera.project(vector(target)).pixel[1] - v) / 3, 9);
+    const result = moved.project(vector(target)).pixel;
+    expect(result[0]).toBeCloseTo(200 + (camera.project(vector(target)).pixel[0] - u) / 3, 9);
+    expect(result[1]).toBeCloseTo(150 + (camera.project(vector(target)).pixel[1] - v) / 3, 9);
   }
 });
 
 test("what lies beyond the field, or beside the picture, is not seen", () => {
   const { camera } = given("sphere");
   const { axis } = camera.model;
-  expect(camera.project(vector(axis)).seen).toBe(true);
-  expect(camera.project(vector(axis.map((a) => -a))).seen).toBe(false);
-  expect(camera.fitted(camera.circle, [300, 1024]).project(vector(axis)).seen).toBe(false);
+  expect(camera.project(vector(axis)).visible).toBe(true);
+  expect(camera.project(vector(axis.map((a) => -a))).visible).toBe(false);
+  expect(camera.fitted(camera.circle, [300, 1024]).project(vector(axis)).visible).toBe(false);
   expect(camera.backproject([0, 0])).toBeNull();
 });
 
 test("a camera that is leaned here stands as one that Python leans", () => {
   const { tables } = given("sphere").camera;
-  const { camera: leaning, far } = given("leaning");
-  const { pitch_deg: pitch, roll_deg: roll } = leaning.model.mount;
+  const { camera: tilted, far } = given("leaning");
+  const { pitch_deg: pitch, roll_deg: roll } = tilted.model.mount;
   expect([pitch, roll]).toEqual([6, -4]);
-  const leaned = new Camera(given("plumb").camera.model, tables).leaning({ pitch, roll });
-  expect(leaned.model.mount).toEqual(leaning.model.mount);
+  const leaned = new Camera(given("plumb").camera.model, tables).tilted({ pitch, roll });
+  expect(leaned.model.mount).toEqual(tilted.model.mount);
   for (const key of ["axis", "right", "down"] as const)
-    leaned.model[key].forEach((x, i) => expect(x).toBeCloseTo(leaning.model[key][i], 9));
+    leaned.model[key].forEach((x, i) => expect(x).toBeCloseTo(tilted.model[key][i], 9));
   for (const [target, pixel] of far) {
-    const found = leaned.project(vector(target));
-    expect(found.seen).toBe(pixel !== null);
+    const result = leaned.project(vector(target));
+    expect(result.visible).toBe(pixel !== null);
     if (pixel)
-      expect(Math.hypot(found.pixel[0] - pixel[0], found.pixel[1] - pixel[1])).toBeLessThan(0.01);
+      expect(Math.hypot(result.pixel[0] - pixel[0], result.pixel[1] - pixel[1])).toBeLessThan(0.01);
   }
 });

@@ -14,7 +14,7 @@ const PICTURE = { source: "circle.png", moves: false } as Feed;
 
 const line = (change: Partial<State>, camera = sphere, feed = PICTURE): string =>
   commandOf({ ...INITIAL, ...change }, camera, feed, 240, 90);
-const standing = (mount: Partial<MountInfo>): Camera =>
+const upright = (mount: Partial<MountInfo>): Camera =>
   new Camera({ ...sphere.model, mount: { ...sphere.model.mount, ...mount } }, sphere.tables);
 
 const START = "omnimirror dewarp circle.png --sensor sphere.toml";
@@ -48,7 +48,7 @@ test.each<[Partial<State>, string]>([
     { mode: "mosaic", hfov: 80 },
     `${START} --view mosaic --pan-deg 0 --tilt-deg 0 --hfov-deg 80 --size 240x -o mosaic.png`,
   ],
-])("%j", (change, wanted) => expect(line(change)).toBe(wanted));
+])("%j", (change, requested) => expect(line(change)).toBe(requested));
 
 test("a video becomes one", () =>
   expect(line({}, sphere, { source: "ride.mp4", moves: true } as Feed)).toMatch(
@@ -72,7 +72,7 @@ test("how it stands is said where its file says otherwise", () => {
   expect(
     line(
       {},
-      standing({
+      upright({
         camera_looks: "down",
         forward_azimuth_deg: 12.34567,
         pitch_deg: -3,
@@ -83,7 +83,7 @@ test("how it stands is said where its file says otherwise", () => {
     "--sensor sphere.toml --camera-looks down --set camera.forward_azimuth_deg=12.3457 --set camera.level=-3,1.5 --view",
   );
   const flipped = !sphere.model.mount.image_flipped;
-  expect(line({}, standing({ image_flipped: flipped }))).toContain(
+  expect(line({}, upright({ image_flipped: flipped }))).toContain(
     flipped ? " --set camera.image_flipped=true " : " --set camera.image_flipped=false ",
   );
   expect(line({})).not.toMatch(/looks|azimuth|flipped|level/);

@@ -1,9 +1,9 @@
 /** Designs of the bench: address, undo history, validation. */
 import { beforeEach, describe, expect, test, vi } from "vitest";
-import { fromAddress, inAddress } from "../src/bench/designs/address";
-import { History, placed, withEntry, type Design, type Tables } from "../src/bench/designs/design";
-import { keep, kept } from "../src/bench/designs/kept";
-import { lacking } from "../src/bench/designs/whole";
+import { fromAddress, inAddress } from "../src/design/model/address";
+import { History, placed, withEntry, type Design, type Tables } from "../src/design/model/design";
+import { keep, stored } from "../src/design/model/storage";
+import { lacking } from "../src/design/model/validation";
 import type { BenchStart, DesignSummary, ParameterInfo, PartInfo } from "../src/shared/messages";
 
 const number = (name: string, more: Partial<ParameterInfo> = {}): ParameterInfo => ({
@@ -14,7 +14,7 @@ const number = (name: string, more: Partial<ParameterInfo> = {}): ParameterInfo 
   description: "",
   choices: [],
   is_list: false,
-  is_whole: false,
+  is_integer: false,
   is_optional: false,
   default: null,
   ...more,
@@ -31,8 +31,8 @@ const PARTS = {
     part("perspective", number("focal_length_mm"), number("k1", { is_optional: true, default: 0 })),
     part("orthographic"),
   ],
-  imager: part("imager", number("width_px", { is_whole: true })),
-  place: part("place", number("z_mm")),
+  imager: part("imager", number("width_px", { is_integer: true })),
+  secondary_position: part("place", number("z_mm")),
   quantities: [{ name: "blur_px", unit: "px", meaning: "" }],
 } as unknown as BenchStart;
 
@@ -44,7 +44,7 @@ const DESIGN: Design = {
     imager: { width_px: 1024 },
     mount: { mirror_distance_mm: 150 },
   },
-  follows: false,
+  follows_mapping: false,
   distance: 2000,
   requirements: { field: { omega_max_deg: 120 }, limit: [{ quantity: "blur_px", at_most: 3 }] },
 };
@@ -59,7 +59,7 @@ describe("addresses", () => {
   test.each([
     DESIGN,
     { ...DESIGN, distance: null, requirements: null },
-    { ...DESIGN, follows: true },
+    { ...DESIGN, follows_mapping: true },
   ])("a design comes back", (design) =>
     expect(fromAddress(inAddress(design), PARTS)).toEqual(design),
   );
@@ -68,7 +68,7 @@ describe("addresses", () => {
     const { tables } = DESIGN;
     expect(fromAddress(JSON.stringify({ tables, colour: "red" }), PARTS)).toEqual({
       tables,
-      follows: false,
+      follows_mapping: false,
       distance: null,
       requirements: null,
     });
@@ -128,15 +128,17 @@ describe("what is no design says what it lacks", () => {
       changed((d) => (d.requirements.limit = [{ quantity: "beauty" }])),
       'the requirements contain an unknown quantity, "beauty"',
     ],
-  ])("%j", (found, said) => {
-    expect(lacking(found, PARTS)).toBe(said);
-    expect(fromAddress(JSON.stringify(found), PARTS)).toBe(
-      `The design in the address is invalid: ${said}.`,
+  ])("%j", (result, status) => {
+    expect(lacking(result, PARTS)).toBe(status);
+    expect(fromAddress(JSON.stringify(result), PARTS)).toBe(
+      `The design in the address is invalid: ${status}.`,
     );
   });
 
   test("a lens that follows the mirror, or stands infinitely far, needs no distance", () => {
-    expect(lacking({ ...changed((d) => delete d.tables.mount), follows: true }, PARTS)).toBeNull();
+    expect(
+      lacking({ ...changed((d) => delete d.tables.mount), follows_mapping: true }, PARTS),
+    ).toBeNull();
     expect(
       lacking(
         changed((d) => {
@@ -186,7 +188,7 @@ describe("undoing", () => {
   });
 
   test("what the server completes is no step of its own", () => {
-    const history = new History({ ...DESIGN, follows: true });
+    const history = new History({ ...DESIGN, follows_mapping: true });
     const complete = placed(history.now, { mirror_distance_mm: 161.5 } as DesignSummary);
     history.complete(complete);
     expect(history.settle()).toBe(false);
@@ -206,7 +208,7 @@ describe("undoing", () => {
 });
 
 describe("what the browser keeps", () => {
-  const shelf = (): Storage => {
+  const area = (): Storage => {
     const texts = new Map<string, string>();
     return {
       getItem: (key: string) => texts.get(key) ?? null,
@@ -214,27 +216,27 @@ describe("what the browser keeps", () => {
     } as unknown as Storage;
   };
   beforeEach(() => {
-    vi.stubGlobal("sessionStorage", shelf());
-    vi.stubGlobal("localStorage", shelf());
+    vi.stubGlobal("sessionStorage", area());
+    vi.stubGlobal("localStorage", area());
   });
 
   test("comes back, of this tab first", () => {
-    expect(kept(PARTS)).toBeNull();
+    expect(stored(PARTS)).toBeNull();
     const history = new History(DESIGN);
     history.now = withEntry(DESIGN, "mirror", "radius_mm", 30);
     history.settle();
     keep(history, [{ name: "pinned", design: DESIGN }], ["Image"]);
-    expect(kept(PARTS)).toEqual({
+    expect(stored(PARTS)).toEqual({
       design: history.now,
       past: [DESIGN],
       future: [],
       pins: [{ name: "pinned", design: DESIGN }],
       switched: ["Image"],
     });
-    vi.stubGlobal("sessionStorage", shelf());
+    vi.stubGlobal("sessionStorage", area());
     keep(new History(DESIGN), [], []);
-    vi.stubGlobal("localStorage", shelf());
-    expect(kept(PARTS)?.design).toEqual(DESIGN);
+    vi.stubGlobal("localStorage", area());
+    expect(stored(PARTS)?.design).toEqual(DESIGN);
   });
 
   test("without what is no design", () => {
@@ -247,7 +249,7 @@ describe("what the browser keeps", () => {
         switched: "all",
       }),
     );
-    expect(kept(PARTS)).toEqual({
+    expect(stored(PARTS)).toEqual({
       design: null,
       past: [],
       future: [],
@@ -255,6 +257,6 @@ describe("what the browser keeps", () => {
       switched: [],
     });
     sessionStorage.setItem("omnimirror-bench", "{cut o");
-    expect(kept(PARTS)).toBeNull();
+    expect(stored(PARTS)).toBeNull();
   });
 });

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { explained, labelledMessage, quantityWords, symbolOf } from "../src/bench/labels";
+import { explained, labelledMessage, quantityWords, symbolOf } from "../src/design/labels";
 
 const BLUR = {
   name: "blur_t_deg",

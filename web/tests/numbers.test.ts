@@ -1,7 +1,7 @@
 /** Numbers, units and names as displayed, and slider scales. */
 import { expect, test } from "vitest";
-import { label, unitWords } from "../src/bench/labels";
-import { scaleOf } from "../src/bench/panels/scale";
+import { label, unitWords } from "../src/design/labels";
+import { scaleOf } from "../src/design/panels/slider_scale";
 import { clamp, fixed, words, wrapped } from "../src/shared/numbers";
 import type { ParameterInfo } from "../src/shared/messages";
 
@@ -60,7 +60,7 @@ const parameter = (
   description: "",
   choices: [],
   is_list: false,
-  is_whole: false,
+  is_integer: false,
   is_optional: false,
   default: null,
   ...more,
@@ -83,5 +83,7 @@ test.each([
 });
 
 test("whole numbers stay whole", () => {
-  expect(scaleOf(parameter(1, 1e5, { is_whole: true }), 1000).to(0.37)).toSatisfy(Number.isInteger);
+  expect(scaleOf(parameter(1, 1e5, { is_integer: true }), 1000).to(0.37)).toSatisfy(
+    Number.isInteger,
+  );
 });

@@ -1,17 +1,17 @@
 /** Release of cameras, streams and connections after failures, and reporting of errors. */
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { Answers } from "../src/bench/answers";
-import type { Found, Wish } from "../src/bench/found";
-import { Newest } from "../src/bench/tolerances/newest";
+import { EvaluationSocket } from "../src/design/evaluation_socket";
+import type { Evaluation, EvaluationOptions } from "../src/design/evaluation";
+import { RequestQueue } from "../src/design/tolerances/request_queue";
 import { type Feed, streamFeed, webcamFeed } from "../src/look/feeds/feed";
-import { Others } from "../src/look/feeds/others";
+import { AdditionalImages } from "../src/look/feeds/additional_images";
 import { INITIAL } from "../src/shared/state";
-import { Away, Refused, ServerTask } from "../src/shared/api";
+import { ServerUnavailable, RequestRejected, ServerTask } from "../src/shared/api";
 import { background } from "../src/shared/background";
 import { checkReadable, openedWebcam, release } from "../src/shared/media";
 import { fail, reportUnhandled } from "../src/shared/notices";
 import type { StreamState } from "../src/shared/messages";
-import { WENT_WRONG } from "../src/shared/texts";
+import { INTERNAL_ERROR } from "../src/shared/texts";
 
 class Socket {
   static readonly OPEN = 1;
@@ -111,7 +111,7 @@ test.each([
   await settled();
   if (after) expect(tracks[0].stop).not.toHaveBeenCalled();
   await vi.advanceTimersByTimeAsync(after);
-  expect(await opened).toBeInstanceOf(Refused);
+  expect(await opened).toBeInstanceOf(RequestRejected);
   for (const track of tracks) expect(track.stop).toHaveBeenCalledOnce();
   expect(video().srcObject).toBeNull();
   expect(vi.getTimerCount()).toBe(0);
@@ -171,7 +171,7 @@ test.each([["bad"], ["good", "bad"], ["bad", "bad"]] as ("good" | "bad")[][])(
     for (const frame of frames) await receive(socket, frame);
     expect(states.at(-1)).toMatchObject({
       state: "lost",
-      sentence: "Frames of cam cannot be decoded and are skipped.",
+      message: "Frames of cam cannot be decoded and are skipped.",
     });
     expect(socket.sent).toHaveLength(1 + frames.length); // each is followed by a request for the next
     await receive(socket, "good");
@@ -214,7 +214,7 @@ test("what other views no longer need is given up while it is being opened", asy
   const signals: AbortSignal[] = [];
   const close = vi.fn();
   let open = (_: Feed): void => {};
-  const others = new Others({
+  const additional = new AdditionalImages({
     open: (_, signal) => {
       signals.push(signal);
       return new Promise((resolve) => (open = resolve));
@@ -224,10 +224,10 @@ test("what other views no longer need is given up while it is being opened", asy
     states: () => states,
     changed: () => {},
   });
-  others.hold();
+  additional.hold();
   expect(signals.map((s) => s.aborted)).toEqual([false]);
   states = [];
-  others.hold();
+  additional.hold();
   expect(signals.map((s) => s.aborted)).toEqual([true]);
   open({ close } as unknown as Feed); // of a frame that arrives nevertheless
   await settled();
@@ -238,18 +238,18 @@ test("what other views no longer need is given up while it is being opened", asy
 
 test("an answer that cannot be read counts as none, and the next question is sent", () => {
   vi.stubGlobal("document", { baseURI: "http://127.0.0.1/" });
-  const found: Found[] = [];
-  const answers = new Answers(
-    (answer) => found.push(answer),
+  const result: Evaluation[] = [];
+  const answers = new EvaluationSocket(
+    (answer) => result.push(answer),
     () => {},
   );
   const [socket] = Socket.all;
   socket.open();
-  answers.ask(0, {} as Wish);
-  answers.ask(1, {} as Wish);
+  answers.ask(0, {} as EvaluationOptions);
+  answers.ask(1, {} as EvaluationOptions);
   expect(socket.sent).toHaveLength(1);
   socket.onmessage({ data: new ArrayBuffer(2) });
-  expect(found).toMatchObject([{ slot: 0, trouble: { path: [] } }]);
+  expect(result).toMatchObject([{ slot: 0, error: { path: [] } }]);
   expect(socket.sent).toHaveLength(2);
   expect(reported).toHaveBeenCalledOnce();
 });
@@ -267,7 +267,7 @@ test("a question that fails unforeseen does not hold up the next", async () => {
   const answers: unknown[] = [];
   const send = (n: number): Promise<number> =>
     n ? Promise.resolve(n) : Promise.reject(new TypeError("x"));
-  const newest = new Newest(
+  const newest = new RequestQueue(
     send,
     (n: number) => answers.push(n),
     () => {},
@@ -301,34 +301,34 @@ const event = (type: string, properties: object): Event =>
   Object.assign(new Event(type), properties);
 
 test.each<[string, object, string[]]>([
-  ["unhandledrejection", { reason: new TypeError("x") }, [WENT_WRONG]],
-  ["unhandledrejection", { reason: "x" }, [WENT_WRONG]],
-  ["unhandledrejection", { reason: new Refused("too large") }, ["too large"]],
-  ["unhandledrejection", { reason: new Away("gone") }, ["gone"]],
+  ["unhandledrejection", { reason: new TypeError("x") }, [INTERNAL_ERROR]],
+  ["unhandledrejection", { reason: "x" }, [INTERNAL_ERROR]],
+  ["unhandledrejection", { reason: new RequestRejected("too large") }, ["too large"]],
+  ["unhandledrejection", { reason: new ServerUnavailable("gone") }, ["gone"]],
   ["unhandledrejection", { reason: new DOMException("x", "AbortError") }, []],
-  ["error", { error: new RangeError("x") }, [WENT_WRONG]],
+  ["error", { error: new RangeError("x") }, [INTERNAL_ERROR]],
   ["error", { error: null, message: "ResizeObserver loop" }, []],
 ])("an %s that nothing handles is reported to the user (%#)", async (type, properties, lines) => {
   vi.resetModules(); // the banner keeps its messages
   const { reportUnhandled: listen } = await import("../src/shared/notices");
-  const said = withBanner();
+  const status = withBanner();
   const page = new EventTarget();
   listen(page);
   page.dispatchEvent(event(type, properties));
-  expect(said()).toEqual(lines);
+  expect(status()).toEqual(lines);
 });
 
 test("a failure in the background reaches the page", async () => {
-  const said = withBanner();
+  const status = withBanner();
   const page = new EventTarget();
   reportUnhandled(page);
   vi.stubGlobal("reportError", (error: unknown) => page.dispatchEvent(event("error", { error })));
   background(Promise.resolve());
   await settled();
-  expect(said()).toEqual([]);
+  expect(status()).toEqual([]);
   background(Promise.reject(new TypeError("x")));
   await settled();
-  expect(said()).toEqual([WENT_WRONG]);
+  expect(status()).toEqual([INTERNAL_ERROR]);
 });
 
 test("an unforeseen failure of what was handled is left to the console as well", () => {

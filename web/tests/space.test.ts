@@ -77,11 +77,11 @@ function area(mesh: Float32Array): number {
 }
 
 test("a half circle turned is a sphere, and its directions lead away from the middle", () => {
-  const turns = Array.from({ length: 61 }, (_, i) => (Math.PI * i) / 60);
+  const addsHistory = Array.from({ length: 61 }, (_, i) => (Math.PI * i) / 60);
   const mesh = revolved(
     columns("ball", {
-      r_mm: turns.map((t) => 5 * Math.sin(t)),
-      z_mm: turns.map((t) => -5 * Math.cos(t)),
+      r_mm: addsHistory.map((t) => 5 * Math.sin(t)),
+      z_mm: addsHistory.map((t) => -5 * Math.cos(t)),
     }),
     UPRIGHT,
   );

@@ -5,7 +5,7 @@ import { Store } from "../src/shared/store";
 let pages: string[];
 let leave: () => void;
 let follow: () => void;
-let kept: Map<string, string>;
+let stored: Map<string, string>;
 
 /** Fake browser as required by the store. */
 function browse(hash: string, way = "navigate"): void {
@@ -29,14 +29,14 @@ function browse(hash: string, way = "navigate"): void {
     else follow = act;
   });
   vi.stubGlobal("sessionStorage", {
-    getItem: (key: string) => kept.get(key) ?? null,
-    setItem: (key: string, text: string) => kept.set(key, text),
+    getItem: (key: string) => stored.get(key) ?? null,
+    setItem: (key: string, text: string) => stored.set(key, text),
   });
   vi.stubGlobal("performance", { getEntriesByType: () => [{ type: way }] });
 }
 
 beforeEach(() => {
-  kept = new Map();
+  stored = new Map();
   vi.useFakeTimers();
 });
 afterEach(() => {
@@ -47,12 +47,12 @@ afterEach(() => {
 test("a change is told at once, and in the address soon", () => {
   browse("#pan=5");
   const store = new Store();
-  const told: string[][] = [];
-  store.listen((_, changed) => told.push([...changed]));
+  const onStatus: string[][] = [];
+  store.listen((_, changed) => onStatus.push([...changed]));
   store.set({ pan: 20 });
   store.set({ pan: 30, tilt: 4 });
   store.set({ pan: 30 });
-  expect(told).toEqual([["pan"], ["pan", "tilt"]]);
+  expect(onStatus).toEqual([["pan"], ["pan", "tilt"]]);
   expect(pages).toEqual(["#pan=5"]);
   vi.runAllTimers();
   expect(pages).toEqual(["#pan=30&tilt=4"]);
@@ -84,7 +84,7 @@ test("a link that was entered changes what is seen, keeps the design, and says w
   pages.push("#mode=cube&pan=7");
   follow();
   expect(store.state).toMatchObject({ pan: 7, design: "{}", tab: "look" });
-  expect(store.trouble).toContain("got cube");
+  expect(store.error).toContain("got cube");
   follow(); // second event of the same change
   expect(entered).toBe(1);
 });

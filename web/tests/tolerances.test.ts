@@ -3,10 +3,10 @@ import {
   capital,
   enlargement,
   errorWords,
-  held,
+  gradeTolerances,
   meritName,
   sizeWords,
-} from "../src/bench/tolerances/words";
+} from "../src/design/tolerances/names";
 
 test("errors are called by their part and what errs, without units", () => {
   expect(errorWords("mirror.decentre_x_mm")).toBe("Mirror decentre x");
@@ -18,11 +18,11 @@ test("errors are called by their part and what errs, without units", () => {
 });
 
 test("motions are enlarged by 1, 2, 5, .. and never longer than they may be", () => {
-  for (const largest of [1e-9, 0.003, 0.17, 1.69, 40, 400]) {
-    const times = enlargement(largest, 80);
+  for (const maximum of [1e-9, 0.003, 0.17, 1.69, 40, 400]) {
+    const times = enlargement(maximum, 80);
     expect([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]).toContain(times);
-    if (times > 1) expect(times * largest).toBeLessThanOrEqual(80);
-    if (times < 1000) expect(2.5 * times * largest).toBeGreaterThanOrEqual(80);
+    if (times > 1) expect(times * maximum).toBeLessThanOrEqual(80);
+    if (times < 1000) expect(2.5 * times * maximum).toBeGreaterThanOrEqual(80);
   }
 });
 
@@ -44,5 +44,5 @@ test("merits after calibrations, and tolerances of a grade", () => {
     medium: 2,
     fine: 1,
   };
-  expect(held([error], "fine").get("lens.k1")).toBe(1);
+  expect(gradeTolerances([error], "fine").get("lens.k1")).toBe(1);
 });

@@ -2,17 +2,22 @@
 import { describe, expect, test } from "vitest";
 import { aspectOf, targetIn, viewOf } from "../src/look/geometry/views";
 import { INITIAL, type State } from "../src/shared/state";
-import made from "./fixtures/views.json";
+import views from "./fixtures/views.json";
 import { between, given } from "./tables";
 
 const NEAR_RAD = 5e-6; // angles of commands have four decimals
 const NEAR_MM = 0.02;
 const { camera } = given("sphere");
 
-describe.each(made.map((view) => [JSON.stringify(view.state), view] as const))(
+describe.each(views.map((view) => [JSON.stringify(view.state), view] as const))(
   "%s",
-  (_, { state, asked, size, parts }) => {
-    const view = viewOf({ ...INITIAL, ...(state as Partial<State>) }, camera, asked[0], asked[1]);
+  (_, { state, request, size, parts }) => {
+    const view = viewOf(
+      { ...INITIAL, ...(state as Partial<State>) },
+      camera,
+      request[0],
+      request[1],
+    );
 
     test("is as large", () => expect([view.width, view.height]).toEqual(size));
 
@@ -21,14 +26,14 @@ describe.each(made.map((view) => [JSON.stringify(view.state), view] as const))(
 
     test("looks at the same", () => {
       for (const { near, looks } of parts)
-        for (const [[u, v], wanted] of looks as [number[], number[] | null][]) {
+        for (const [[u, v], requested] of looks as [number[], number[] | null][]) {
           const target = targetIn(view, u, v);
-          expect(target !== null, `${u}, ${v}`).toBe(wanted !== null);
-          if (!target || !wanted) continue;
-          expect(between(target, wanted), `${u}, ${v}`).toBeLessThan(NEAR_RAD);
+          expect(target !== null, `${u}, ${v}`).toBe(requested !== null);
+          if (!target || !requested) continue;
+          expect(between(target, requested), `${u}, ${v}`).toBeLessThan(NEAR_RAD);
           if (near)
             expect(
-              Math.abs(Math.hypot(...target) - Math.hypot(...wanted)),
+              Math.abs(Math.hypot(...target) - Math.hypot(...requested)),
               `${u}, ${v}`,
             ).toBeLessThan(NEAR_MM);
         }

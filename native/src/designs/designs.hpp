@@ -9,18 +9,18 @@ namespace omnimirror {
 constexpr int DESIGN_COLUMNS = 10;
 constexpr int DESIGN_NUMBERS = 7;
 constexpr int LENS_ROWS = 27;    // batch/closed_forms.py: position, motion, light, then eight by powers of the focus
-constexpr int MOST_SCAN = 64;    // maximum samples of the initial focus scan
-constexpr int WALL_NUMBERS = 7;  // per design: radii, heights, ends, whether the shell fits
+constexpr int MAX_SCAN_SAMPLES = 64;     // maximum samples of the initial focus scan
+constexpr int DESIGN_SHELL_NUMBERS = 7;  // per design: radii, heights, ends, whether the shell fits
 
 // A tabulated real lens: batch/closed_forms.py. values is nullptr without one.
 struct LensTable {
     const double* values;  // (cells + 1, 2, LENS_ROWS)
     int cells;
-    double end, f, f_number, e, pupil, least, most;  // least, most: limits of the focusable vergences
+    double end, f, f_number, e, pupil, minimum, maximum;  // least, most: limits of the focusable vergences
 };
 
 // The transparent shell of one design: batch/closed_forms.py, Walls.
-struct Wall {
+struct DesignShell {
     enum Kind { NONE, PLANE, CYLINDER, SPHERE };
     Kind kind;
     double inner_radius, outer_radius, inner_height, outer_height, base, cap;
@@ -31,10 +31,10 @@ struct Wall {
 // Parameters of the best-focus search, defined in batch/best_focus.py and optimisation.py.
 struct FocusSearch {
     int scan;
-    double margin, close;
-    int most_steps;
-    double edge;
-    int halving;
+    double margin, tolerance;
+    int max_bracket_steps;
+    double min_bracket_reduction;
+    int bisection_period;
 };
 
 struct DesignJob {
@@ -51,17 +51,17 @@ struct DesignJob {
     const double* inverse_distance;
     int designs, terms, angles;
     bool has_conic, paper;
-    double pitch, image_radius, wavelength, least_omega;  // image_radius 0: from focal length and pitch
+    double pitch, image_radius, wavelength, min_omega;  // image_radius 0: from focal length and pitch
     FocusSearch search;
     LensTable lens;
     // (designs, 7): shells, if any; their kind, and the refractive indices of shell and surrounding medium
-    const double* walls;
-    Wall::Kind wall_kind;
-    double wall_index, medium_index;
+    const double* shells;
+    DesignShell::Kind shell_kind;
+    double shell_index, medium_index;
     // (10, designs, angles), (designs), (designs), (designs)
     double* columns;
     double* focus;
-    double* worst;
+    double* max_area;
     double* valid;  // 1 or 0
 };
 

@@ -8,21 +8,21 @@
 
 #include <limits>
 
-#include "built.hpp"
+#include "real_rays.hpp"
 #include "workspace.hpp"
 
 namespace omnimirror {
 namespace {
 
-constexpr double ENDLESS = std::numeric_limits<double>::infinity();
-constexpr double HOPE = 0.02;  // of batch/best_focus.py
+constexpr double UNBOUNDED = std::numeric_limits<double>::infinity();
+constexpr double TANGENT_MARGIN = 0.02;  // of batch/best_focus.py
 
 // The camera as a function of its focused vergence v: batch/best_focus.py, AreaModel.
 struct AreaModel {
     double inverse_f, airy2, scale, delta;
     bool paper;
     int power;
-    double least, most;  // limits of the focusable vergences
+    double minimum, maximum;  // limits of the focusable vergences
 
     struct At {
         double r, dr, D, d_log_D;
@@ -37,31 +37,31 @@ struct AreaModel {
     }
 };
 
-struct Worst {
+struct MaxArea {
     double value, rate;
     int angle;
 };
 
 // Running maximum of values, per lane, with the index of its first occurrence.
-struct Most {
+struct RunningMax {
     double value[LANE], from[LANE];
 
-    Most() {
-        for (int l = 0; l < LANE; ++l) value[l] = -ENDLESS, from[l] = 0.0;
+    RunningMax() {
+        for (int l = 0; l < LANE; ++l) value[l] = -UNBOUNDED, from[l] = 0.0;
     }
 
-    void see(int l, double k, double seen) {
-        const bool more = seen > value[l];
+    void update(int l, double k, double samples) {
+        const bool more = samples > value[l];
         from[l] = more ? k : from[l];
-        value[l] = more ? seen : value[l];
+        value[l] = more ? samples : value[l];
     }
 
     // NaN is never the maximum.
-    int place() const {
-        double most = value[0];
-        for (double v : value) most = larger(v, most);
-        double first = ENDLESS;
-        for (int l = 0; l < LANE; ++l) first = value[l] == most ? smaller(first, from[l] + l) : first;
+    int index() const {
+        double maximum = value[0];
+        for (double v : value) maximum = max_of(v, maximum);
+        double first = UNBOUNDED;
+        for (int l = 0; l < LANE; ++l) first = value[l] == maximum ? min_of(first, from[l] + l) : first;
         return static_cast<int>(first);
     }
 };
@@ -71,19 +71,19 @@ struct Range {
     double low, high;
 };
 
-inline Range range_of(const double* OMNIMIRROR_RESTRICT t, const double* OMNIMIRROR_RESTRICT s, int lanes, double margin,
-                      double least, double most) {
-    double lows[LANE], highs[LANE], low = ENDLESS, high = -ENDLESS;
-    for (int l = 0; l < LANE; ++l) lows[l] = ENDLESS, highs[l] = -ENDLESS;
+inline Range range_of(const double* OMNIMIRROR_RESTRICT t, const double* OMNIMIRROR_RESTRICT s, int lanes,
+                      double margin, double minimum, double maximum) {
+    double lows[LANE], highs[LANE], low = UNBOUNDED, high = -UNBOUNDED;
+    for (int l = 0; l < LANE; ++l) lows[l] = UNBOUNDED, highs[l] = -UNBOUNDED;
     for (int k = 0; k < lanes; k += LANE) {
         OMNIMIRROR_LANES(i, k) {
-            lows[i - k] = smaller(t[i], smaller(s[i], lows[i - k]));
-            highs[i - k] = larger(t[i], larger(s[i], highs[i - k]));
+            lows[i - k] = min_of(t[i], min_of(s[i], lows[i - k]));
+            highs[i - k] = max_of(t[i], max_of(s[i], highs[i - k]));
         }
     }
-    for (int l = 0; l < LANE; ++l) low = smaller(lows[l], low), high = larger(highs[l], high);
+    for (int l = 0; l < LANE; ++l) low = min_of(lows[l], low), high = max_of(highs[l], high);
     const double more = margin * (high - low);
-    return {smaller(larger(low - more, least), most), smaller(larger(high + more, least), most)};
+    return {min_of(max_of(low - more, minimum), maximum), min_of(max_of(high + more, minimum), maximum)};
 }
 
 // Floored areas of a design with an ideal lens, at any focus.
@@ -92,24 +92,24 @@ class IdealAreas {
     IdealAreas(const AreaModel& model, const Workspace& w) : model_(model), w_(w) {}
 
     Range range(double margin) const {
-        return range_of(w_.vergence_t, w_.vergence_s, w_.lanes, margin, model_.least, model_.most);
+        return range_of(w_.vergence_t, w_.vergence_s, w_.lanes, margin, model_.minimum, model_.maximum);
     }
 
     // The maximum A^2, its derivative with respect to v, and its angle index.
-    Worst worst(double v) const {
+    MaxArea max_area(double v) const {
         const AreaModel::At m = model_.at(v);
         const double r = m.r;
         const double* OMNIMIRROR_RESTRICT vergence_t = w_.vergence_t;
         const double* OMNIMIRROR_RESTRICT vergence_s = w_.vergence_s;
         const double* OMNIMIRROR_RESTRICT density = w_.density;
-        Most most;
+        RunningMax maximum;
         for (int k = 0; k < w_.lanes; k += LANE) {
             OMNIMIRROR_LANES(i, k) {
                 const double t = v - vergence_t[i], u = v - vergence_s[i];
-                most.see(i - k, k, (t * t + r) * (u * u + r) * density[i]);
+                maximum.update(i - k, k, (t * t + r) * (u * u + r) * density[i]);
             }
         }
-        const int j = most.place();
+        const int j = maximum.index();
         const double t = v - vergence_t[j], u = v - vergence_s[j], side_t = t * t + r, side_s = u * u + r;
         const double value = m.D * side_t * side_s * density[j];
         const double rate = ((2 * t + m.dr) * side_s + (2 * u + m.dr) * side_t) / (side_t * side_s);
@@ -140,10 +140,10 @@ class RealAreas {
 
     // Range of the vergences at which single blurs are approximately 0; fill_parabolas stores them in z and slope.
     Range range(double margin) const {
-        return range_of(w_.z, w_.slope, w_.lanes, margin, lens_.table().least, lens_.table().most);
+        return range_of(w_.z, w_.slope, w_.lanes, margin, lens_.table().minimum, lens_.table().maximum);
     }
 
-    Worst worst(double v) const {
+    MaxArea max_area(double v) const {
         const double q = lens_.defocus(v), disk = airy(q), floor = 1 + disk * disk;
         const double* OMNIMIRROR_RESTRICT p = w_.parabolas;
         const double* OMNIMIRROR_RESTRICT counts = w_.density;
@@ -152,16 +152,16 @@ class RealAreas {
             const double* c = p + 3 * side * n + j;
             return c[0] + q * (c[n] + q * c[2 * n]);
         };
-        Most most;
+        RunningMax maximum;
         for (int k = 0; k < n; k += LANE) {
             OMNIMIRROR_LANES(j, k) {
                 const double t = parabola(T, j), u = parabola(S, j), own_t = parabola(OWN_T, j), own_s = parabola(OWN_S, j);
                 const double scale = parabola(DH_OF, j) * parabola(DW_OF, j);
                 const double sides = (t * t + own_t * own_t + floor) * (u * u + own_s * own_s + floor);
-                most.see(j - k, k, sides / (scale * scale) * counts[j]);
+                maximum.update(j - k, k, sides / (scale * scale) * counts[j]);
             }
         }
-        const int j = most.place();
+        const int j = maximum.index();
         const double dfloor = 2 * disk * airy_slope_, scale = at(DH_OF, j, q) * at(DW_OF, j, q);
         const double side_t = side(T, j, q, floor), side_s = side(S, j, q, floor);
         const double value = side_t * side_s / (scale * scale) * counts[j];
@@ -191,23 +191,26 @@ class RealAreas {
 // A vergence, and the worst area there.
 struct End {
     double v;
-    Worst worst;
+    MaxArea max_area;
 };
 
 // Minimise the worst area, which decreases at a and increases at b, to within `close`. The bracket is divided where the
 // tangents at both ends intersect or, if the same angle is the worst at both ends, at the zero of the secant of its
 // derivative.
 template <class Areas>
-double bottom(End a, End b, double close, const FocusSearch& search, const Areas& areas) {
-    for (int step = 1; step <= search.most_steps && b.v - a.v > close; ++step) {
-        const double width = b.v - a.v, edge = search.edge * width, fall = a.worst.rate, rise = b.worst.rate;
-        const double cut = a.worst.angle == b.worst.angle
-                               ? a.v - fall * width / (rise - fall)
-                               : a.v + (b.worst.value - a.worst.value - rise * width) / (fall - rise);
-        const bool good = size_of(cut) < ENDLESS && fall < 0 && rise > 0 && step % search.halving;
-        const double c = good ? smaller(larger(cut, a.v + edge), b.v - edge) : (a.v + b.v) / 2;
-        const End at_c{c, areas.worst(c)};
-        (at_c.worst.rate > 0 ? b : a) = at_c;
+double minimise(End a, End b, double tolerance, const FocusSearch& search, const Areas& areas) {
+    for (int step = 1; step <= search.max_bracket_steps && b.v - a.v > tolerance; ++step) {
+        const double width = b.v - a.v, min_bracket_reduction = search.min_bracket_reduction * width,
+                     fall = a.max_area.rate, slope_basis = b.max_area.rate;
+        const double cut =
+            a.max_area.angle == b.max_area.angle
+                ? a.v - fall * width / (slope_basis - fall)
+                : a.v + (b.max_area.value - a.max_area.value - slope_basis * width) / (fall - slope_basis);
+        const bool good = abs_of(cut) < UNBOUNDED && fall < 0 && slope_basis > 0 && step % search.bisection_period;
+        const double c =
+            good ? min_of(max_of(cut, a.v + min_bracket_reduction), b.v - min_bracket_reduction) : (a.v + b.v) / 2;
+        const End at_c{c, areas.max_area(c)};
+        (at_c.max_area.rate > 0 ? b : a) = at_c;
     }
     return (a.v + b.v) / 2;
 }
@@ -215,17 +218,19 @@ double bottom(End a, End b, double close, const FocusSearch& search, const Areas
 // Minimise the worst area between two scan positions whose tangents indicate another local minimum: _other_valleys.
 // `known` is the local minimum at position `best`, which is already computed.
 template <class Areas>
-End other_valley(const End& a, const End& b, bool is_known, double known, double close, const FocusSearch& search,
-                 const Areas& areas) {
-    const End none{a.v, {ENDLESS, 0.0, 0}};
-    const double fall = a.worst.rate, rise = b.worst.rate, step = b.v - a.v;
-    const double cut = (b.worst.value - a.worst.value - rise * step) / (fall - rise);
-    if (!(cut > 0 && cut < step && a.worst.value + fall * cut < known * (1 + HOPE))) return none;
-    const bool between = fall < 0 && rise > 0, hidden = a.worst.angle != b.worst.angle && fall * rise > 0;
+End other_minimum(const End& a, const End& b, bool is_known, double known, double tolerance, const FocusSearch& search,
+                  const Areas& areas) {
+    const End none{a.v, {UNBOUNDED, 0.0, 0}};
+    const double fall = a.max_area.rate, slope_basis = b.max_area.rate, step = b.v - a.v;
+    const double cut = (b.max_area.value - a.max_area.value - slope_basis * step) / (fall - slope_basis);
+    if (!(cut > 0 && cut < step && a.max_area.value + fall * cut < known * (1 + TANGENT_MARGIN))) return none;
+    const bool between = fall < 0 && slope_basis > 0,
+               hidden = a.max_area.angle != b.max_area.angle && fall * slope_basis > 0;
     if (!(between || hidden) || (between && is_known)) return none;
-    const End middle{a.v + cut, areas.worst(a.v + cut)};
-    const double v = middle.worst.rate > 0 ? bottom(a, middle, close, search, areas) : bottom(middle, b, close, search, areas);
-    return {v, areas.worst(v)};
+    const End middle{a.v + cut, areas.max_area(a.v + cut)};
+    const double v = middle.max_area.rate > 0 ? minimise(a, middle, tolerance, search, areas)
+                                              : minimise(middle, b, tolerance, search, areas);
+    return {v, areas.max_area(v)};
 }
 
 // Return the focused vergence with the smallest worst area, and that area.
@@ -233,23 +238,23 @@ template <class Areas>
 End best_vergence(const FocusSearch& search, const Areas& areas) {
     const auto [low, high] = areas.range(search.margin);
     const double step = (high - low) / (search.scan - 1);
-    End seen[MOST_SCAN];
+    End samples[MAX_SCAN_SAMPLES];
     int best = 0;
     for (int i = 0; i < search.scan; ++i) {
-        seen[i] = {low + i * step, areas.worst(low + i * step)};
-        if (seen[i].worst.value < seen[best].worst.value) best = i;
+        samples[i] = {low + i * step, areas.max_area(low + i * step)};
+        if (samples[i].max_area.value < samples[best].max_area.value) best = i;
     }
     best = best < 1 ? 1 : best > search.scan - 2 ? search.scan - 2 : best;
-    const double close = search.close * (high - low);
-    const double v = bottom(seen[best - 1], seen[best + 1], close, search, areas);
-    End least{v, areas.worst(v)};
-    const double known = least.worst.value;
+    const double tolerance = search.tolerance * (high - low);
+    const double v = minimise(samples[best - 1], samples[best + 1], tolerance, search, areas);
+    End minimum{v, areas.max_area(v)};
+    const double known = minimum.max_area.value;
     for (int i = 0; i + 1 < search.scan; ++i) {
         const bool is_known = i == best - 1 || i == best;
-        const End other = other_valley(seen[i], seen[i + 1], is_known, known, close, search, areas);
-        if (other.worst.value < least.worst.value) least = other;
+        const End other = other_minimum(samples[i], samples[i + 1], is_known, known, tolerance, search, areas);
+        if (other.max_area.value < minimum.max_area.value) minimum = other;
     }
-    return least;
+    return minimum;
 }
 
 }  // namespace

@@ -2,8 +2,8 @@
 #pragma once
 
 #include "focus.hpp"
-#include "points.hpp"
-#include "real.hpp"
+#include "ideal_points.hpp"
+#include "real_design.hpp"
 
 namespace omnimirror {
 namespace {
@@ -23,7 +23,7 @@ struct Camera {
 
     AreaModel model() const {
         const double ratio = blur / (image * DEGREE), delta = ratio * ratio * ratio * ratio, per_blur = 1 / (blur * blur);
-        if (telecentric) return {ENDLESS, 0.0, (1 + airy * airy) * per_blur, delta, true, 0, -ENDLESS, ENDLESS};
+        if (telecentric) return {UNBOUNDED, 0.0, (1 + airy * airy) * per_blur, delta, true, 0, -UNBOUNDED, UNBOUNDED};
         return {1 / f, airy * airy, per_blur, delta, paper, int(paper) - int(scaled), 1e-7 / f, 0.999 / f};
     }
 };
@@ -47,22 +47,22 @@ inline void fill_ideal(const Camera camera, double v, const Workspace& w) {
             out[DISTANCE_S * n + j] = camera.telecentric ? -w.vergence_s[j] : 1 / w.vergence_s[j];
             out[BLUR_T * n + j] = t;
             out[BLUR_S * n + j] = s;
-            out[AREA * n + j] = root_of((t * t + floor) * (s * s + floor)) * (w.shrinking[j] * per_area);
+            out[AREA * n + j] = sqrt_of((t * t + floor) * (s * s + floor)) * (w.inverse_magnification[j] * per_area);
         }
     }
 }
 
 // Columns of a design at its best focus.
-void finish_ideal(const DesignJob& job, int design, const Workspace& w) {
+void focus_ideal(const DesignJob& job, int design, const Workspace& w) {
     const Camera camera(job, job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS, w.ray[job.angles - 1]);
     const End best = best_vergence(job.search, IdealAreas(camera.model(), w));
     fill_ideal(camera, best.v, w);
     job.focus[design] = camera.telecentric ? -best.v : 1 / best.v;
-    job.worst[design] = root_of(best.worst.value);
+    job.max_area[design] = sqrt_of(best.max_area.value);
 }
 
 // Copy to the output, without the padding lanes.
-void hand_over(const DesignJob& job, int design, const Workspace& w) {
+void copy_columns(const DesignJob& job, int design, const Workspace& w) {
     for (int c = 0; c < DESIGN_COLUMNS; ++c) {
         double* to = job.columns + (static_cast<std::size_t>(c) * job.designs + design) * job.angles;
         __builtin_memcpy(to, w.column(c), static_cast<std::size_t>(job.angles) * sizeof(double));
@@ -70,12 +70,12 @@ void hand_over(const DesignJob& job, int design, const Workspace& w) {
 }
 
 // Compute the mirror points of a design with an ideal lens; return whether the design is valid.
-inline bool fill_bare(const DesignJob& job, int design, const Workspace& w) {
+inline bool trace_ideal_points(const DesignJob& job, int design, const Workspace& w) {
     const double* number = job.numbers + static_cast<std::size_t>(design) * DESIGN_NUMBERS;
     const double m = number[0], M = number[1];
     const bool is_telecentric = number[6] > 0;
-    return is_telecentric ? fill_points(Telecentric{}, M, job.least_omega, w)
-                          : fill_points(Perspective{m}, M, job.least_omega, w);
+    return is_telecentric ? fill_points(Telecentric{}, M, job.min_omega, w)
+                          : fill_points(Perspective{m}, M, job.min_omega, w);
 }
 
 void evaluate_one(const DesignJob& job, const Lens& lens, int design, const Workspace& w) {
@@ -83,18 +83,18 @@ void evaluate_one(const DesignJob& job, const Lens& lens, int design, const Work
         fill_profile<true>(job, design, w);
     else
         fill_profile<false>(job, design, w);
-    const bool is_built = lens.known() || job.wall_kind != Wall::NONE;
-    const bool valid = is_built ? fill_built(job, design, lens, w) : fill_bare(job, design, w);
-    if (lens.known())
-        finish_real(job, design, lens, w);
+    const bool is_built = lens.is_tabulated() || job.shell_kind != DesignShell::NONE;
+    const bool valid = is_built ? trace_real_points(job, design, lens, w) : trace_ideal_points(job, design, w);
+    if (lens.is_tabulated())
+        focus_real(job, design, lens, w);
     else
-        finish_ideal(job, design, w);
-    if (job.wall_kind != Wall::NONE) blank_unseen(w);
+        focus_ideal(job, design, w);
+    if (job.shell_kind != DesignShell::NONE) blank_invisible(w);
     job.valid[design] = valid;
-    hand_over(job, design, w);
+    copy_columns(job, design, w);
 }
 
-void evaluate_some(const DesignJob& job, int first, int count) {
+void evaluate_batch(const DesignJob& job, int first, int count) {
     const Workspace workspace(job);
     const Lens lens(job.lens);
     for (int i = first; i < first + count; ++i) evaluate_one(job, lens, i, workspace);

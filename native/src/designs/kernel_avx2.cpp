@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const DesignKernel avx2_designs = &evaluate_some;
+const DesignKernel avx2_designs = &evaluate_batch;
 
 }  // namespace omnimirror

@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const DesignKernel avx512_designs = &evaluate_some;
+const DesignKernel avx512_designs = &evaluate_batch;
 
 }  // namespace omnimirror

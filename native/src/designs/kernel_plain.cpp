@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const DesignKernel plain_designs = &evaluate_some;
+const DesignKernel plain_designs = &evaluate_batch;
 
 }  // namespace omnimirror

@@ -12,8 +12,8 @@ namespace omnimirror {
 namespace {
 
 constexpr int LANES = 64;            // rays processed together, without branches, so that compilers vectorise the loops
-constexpr int64_t AT_A_TIME = 4096;  // rays per task
-constexpr double TINY = 1e-300;      // replaces 0 in directions: 1/0 is infinite, and 0 * (1/0) is NaN
+constexpr int64_t RAYS_PER_TASK = 4096;   // rays per task
+constexpr double MIN_DIRECTION = 1e-300;  // replaces 0 in directions: 1/0 is infinite, and 0 * (1/0) is NaN
 
 using Lane = double[LANES];
 
@@ -21,20 +21,20 @@ struct Bundle {
     Lane origin[3], inverse[3];
 
     // The last ray is repeated in the remaining lanes.
-    Bundle(const BoxRays& rays, int64_t first, int many) {
+    Bundle(const BoxRays& rays, int64_t first, int count) {
         for (int i = 0; i < LANES; ++i) {
-            const int64_t at = 3 * (first + std::min(i, many - 1));
+            const int64_t at = 3 * (first + std::min(i, count - 1));
             for (int k = 0; k < 3; ++k) {
                 const double towards = rays.directions[at + k];
                 origin[k][i] = rays.origins[at + k];
-                inverse[k][i] = 1 / (towards == 0 ? TINY : towards);
+                inverse[k][i] = 1 / (towards == 0 ? MIN_DIRECTION : towards);
             }
         }
     }
 };
 
 // Distances at which rays enter and leave a box; a ray misses if it would leave before it enters.
-void pass(const Bundle& rays, const double* low, const double* high, Lane& near, Lane& far) {
+void clip_to_box(const Bundle& rays, const double* low, const double* high, Lane& near, Lane& far) {
     for (int i = 0; i < LANES; ++i)
         near[i] = -std::numeric_limits<double>::infinity(), far[i] = std::numeric_limits<double>::infinity();
     for (int k = 0; k < 3; ++k) {
@@ -62,12 +62,12 @@ int axis_of(const Bundle& rays, int i, const double* low, const double* high, bo
     return axis;
 }
 
-void meet_some(const Boxes& boxes, const Bundle& rays, int many, double* distances, int32_t* faces) {
+void intersect_bundle(const Boxes& boxes, const Bundle& rays, int count, double* distances, int32_t* faces) {
     Lane nearest, which, near, far;
-    pass(rays, boxes.lows, boxes.highs, near, nearest);
+    clip_to_box(rays, boxes.lows, boxes.highs, near, nearest);
     for (int i = 0; i < LANES; ++i) which[i] = 0;
     for (int box = 1; box < boxes.count; ++box) {
-        pass(rays, boxes.lows + 3 * box, boxes.highs + 3 * box, near, far);
+        clip_to_box(rays, boxes.lows + 3 * box, boxes.highs + 3 * box, near, far);
         for (int i = 0; i < LANES; ++i) {
             const double from = near[i] > 0 ? near[i] : 0;
             const bool is_first = (from < far[i]) & (from < nearest[i]);
@@ -75,7 +75,7 @@ void meet_some(const Boxes& boxes, const Bundle& rays, int many, double* distanc
             which[i] = is_first ? box : which[i];
         }
     }
-    for (int i = 0; i < many; ++i) {
+    for (int i = 0; i < count; ++i) {
         const int box = static_cast<int>(which[i]);
         const int axis = axis_of(rays, i, boxes.lows + 3 * box, boxes.highs + 3 * box, box > 0);
         const bool forward = rays.inverse[axis][i] > 0;
@@ -84,42 +84,42 @@ void meet_some(const Boxes& boxes, const Bundle& rays, int many, double* distanc
 }
 
 template <class Do>
-void in_bundles(const BoxRays& rays, const Do& with) {
+void for_each_bundle(const BoxRays& rays, const Do& with) {
     struct Work {
         const BoxRays& rays;
         const Do& with;
     } work{rays, with};
     const auto task = [](void* context, int index) {
         const Work& w = *static_cast<const Work*>(context);
-        const int64_t end = std::min(w.rays.count, (index + 1) * AT_A_TIME);
-        for (int64_t first = index * AT_A_TIME; first < end; first += LANES) {
-            const int many = static_cast<int>(std::min<int64_t>(LANES, end - first));
-            w.with(Bundle(w.rays, first, many), first, many);
+        const int64_t end = std::min(w.rays.count, (index + 1) * RAYS_PER_TASK);
+        for (int64_t first = index * RAYS_PER_TASK; first < end; first += LANES) {
+            const int count = static_cast<int>(std::min<int64_t>(LANES, end - first));
+            w.with(Bundle(w.rays, first, count), first, count);
         }
     };
-    parallel_for(static_cast<int>((rays.count + AT_A_TIME - 1) / AT_A_TIME), task, &work);
+    parallel_for(static_cast<int>((rays.count + RAYS_PER_TASK - 1) / RAYS_PER_TASK), task, &work);
 }
 
 }  // namespace
 
-void meet_boxes(const Boxes& boxes, const BoxRays& rays, double* distances, int32_t* faces) {
-    in_bundles(rays, [&](const Bundle& bundle, int64_t first, int many) {
-        meet_some(boxes, bundle, many, distances + first, faces + first);
+void intersect_boxes(const Boxes& boxes, const BoxRays& rays, double* distances, int32_t* faces) {
+    for_each_bundle(rays, [&](const Bundle& bundle, int64_t first, int count) {
+        intersect_bundle(boxes, bundle, count, distances + first, faces + first);
     });
 }
 
-void lead_through_boxes(const Boxes& boxes, const BoxRays& ways, uint8_t* through) {
-    in_bundles(ways, [&](const Bundle& bundle, int64_t first, int many) {
-        Lane near, far, leads;
-        for (int i = 0; i < LANES; ++i) leads[i] = 0;
+void are_blocked(const Boxes& boxes, const BoxRays& segments, uint8_t* blocked) {
+    for_each_bundle(segments, [&](const Bundle& bundle, int64_t first, int count) {
+        Lane near, far, is_blocked;
+        for (int i = 0; i < LANES; ++i) is_blocked[i] = 0;
         for (int box = 0; box < boxes.count; ++box) {
-            pass(bundle, boxes.lows + 3 * box, boxes.highs + 3 * box, near, far);
+            clip_to_box(bundle, boxes.lows + 3 * box, boxes.highs + 3 * box, near, far);
             for (int i = 0; i < LANES; ++i) {
                 const double from = near[i] > 0 ? near[i] : 0, to = far[i] < 1 ? far[i] : 1;
-                leads[i] = from < to ? 1 : leads[i];
+                is_blocked[i] = from < to ? 1 : is_blocked[i];
             }
         }
-        for (int i = 0; i < many; ++i) through[first + i] = leads[i] > 0;
+        for (int i = 0; i < count; ++i) blocked[first + i] = is_blocked[i] > 0;
     });
 }
 

@@ -18,9 +18,9 @@ struct BoxRays {
 // Compute the first faces hit by rays that start inside the first box: a face of another box, hit from outside, or of
 // the first box itself. Distances are >= 0, in lengths of the direction; a face is 6 box + 2 axis + side, where side 0
 // is the lower one.
-void meet_boxes(const Boxes& boxes, const BoxRays& rays, double* distances, int32_t* faces);
+void intersect_boxes(const Boxes& boxes, const BoxRays& rays, double* distances, int32_t* faces);
 
 // Return whether line segments, from origins to origins + directions, pass through a box.
-void lead_through_boxes(const Boxes& boxes, const BoxRays& ways, uint8_t* through);
+void are_blocked(const Boxes& boxes, const BoxRays& segments, uint8_t* blocked);
 
 }  // namespace omnimirror

@@ -30,9 +30,9 @@ struct RayWork {
 };
 
 // Radiance of a row's rays, summed by pixel, and the rays that reach the background.
-class Painter {
+class SurfaceRenderer {
   public:
-    Painter(const Exposure& e, const SurfaceTree& tree, const OpenRays& open)
+    SurfaceRenderer(const Exposure& e, const SurfaceTree& tree, const OpenRays& open)
         : e_(e), tree_(tree), open_(open), share_(1 / static_cast<float>(e.samples.count)) {}
 
     void fill(int row, int32_t first_pixel, float* light) {
@@ -46,14 +46,14 @@ class Painter {
         }
     }
 
-    int64_t opened = 0;
+    int64_t open_count = 0;
 
   private:
     // Radiance of a packet whose first ray has number `first` in the row.
     void add(const RayBlock& block, int k, int64_t first, int32_t first_pixel, float* light) {
         const Packet& rays = block.packets[k];
         Hits hits;
-        packet_kernels().see(tree_, rays, hits);
+        packet_kernels().trace(tree_, rays, hits);
         int32_t pixel = static_cast<int32_t>(first / e_.samples.count);
         int left = e_.samples.count - static_cast<int>(first % e_.samples.count);
         for (int i = 0; i < PACKET; ++i) {
@@ -62,17 +62,17 @@ class Painter {
             if (rays.limit[i] > 0) {
                 for (int c = 0; c < 3; ++c) sum[c] += weight * hits.light[i][c];
                 const float clear = hits.surface[i] < 0 ? 1 : hits.light[i][3];
-                if (open_.wanted && clear > 0) leave(rays, i, first_pixel + pixel, weight * clear);
-            } else if (fate == HIDDEN) {
+                if (open_.is_requested && clear > 0) add_open_ray(rays, i, first_pixel + pixel, weight * clear);
+            } else if (fate == OBSCURED) {
                 for (int c = 0; c < 3; ++c) sum[c] += weight * e_.optics.housing_light[c];
             }
             if (!--left) left = e_.samples.count, ++pixel;
         }
     }
 
-    void leave(const Packet& rays, int i, int32_t pixel, float share) {
-        open_.pixels[opened] = pixel;
-        float* out = open_.rays + 7 * opened++;
+    void add_open_ray(const Packet& rays, int i, int32_t pixel, float share) {
+        open_.pixels[open_count] = pixel;
+        float* out = open_.rays + 7 * open_count++;
         *out++ = share;
         for (int c = 0; c < 3; ++c) *out++ = rays.origin[c][i];
         for (int c = 0; c < 3; ++c) *out++ = rays.direction[c][i];
@@ -113,9 +113,9 @@ void expose(const Exposure& exposure, int top, int count, const RayOut& out) {
 
 int64_t expose(const Exposure& exposure, const SurfaceTree& tree, int top, int count, float* light,
                const OpenRays& open) {
-    Painter painter(exposure, tree, open);
+    SurfaceRenderer painter(exposure, tree, open);
     for (int i = 0; i < count; ++i) painter.fill(top + i, i * exposure.width, light + int64_t{3} * exposure.width * i);
-    return painter.opened;
+    return painter.open_count;
 }
 
 }  // namespace omnimirror

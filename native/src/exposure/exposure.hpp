@@ -40,7 +40,7 @@ struct Optics {
     float rod_z[2] = {0, 0}, rod_radius[2] = {0, 0};
     float edge_z = 0, edge_radius = 0;  // a dark edge around the rim, in the mirror frame
     float housing_light[3] = {0, 0, 0};
-    bool sees_past = false;  // whether rays that miss the mirror reach the scene behind it, or are lost
+    bool direct_view = false;  // whether rays that miss the mirror reach the scene behind it, or are lost
     // from the camera frame to the world frame
     float rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, shift[3] = {0, 0, 0};
     bool distant = false;  // the scene is infinitely far away: all rays start at the shift
@@ -63,7 +63,7 @@ struct Environment {
 };
 
 // Fates of rays.
-constexpr float LOST = 0, REFLECTED = 1, DIRECT = 2, HIDDEN = 3;
+constexpr float LOST = 0, REFLECTED = 1, DIRECT = 2, OBSCURED = 3;
 
 struct RayOut {
     float *origins, *directions, *weights;  // (n, 3), (n, 3), (n)
@@ -82,7 +82,7 @@ struct alignas(64) RayBlock {
 struct OpenRays {
     int32_t* pixels;
     float* rays;  // (n, 7): weight, origin, direction
-    bool wanted;
+    bool is_requested;
 };
 
 struct Exposure {

@@ -62,7 +62,7 @@ inline float cosine_of(float t) {
     return (a * s - 19.7392055f) * s + 0.999999992f;
 }
 
-inline uint32_t mixed(uint32_t h) {  // 32-bit hash finaliser with full avalanche (Wellons, "lowbias32")
+inline uint32_t hash(uint32_t h) {  // 32-bit hash finaliser with full avalanche (Wellons, "lowbias32")
     h ^= h >> 16, h *= 0x7feb352du, h ^= h >> 15, h *= 0x846ca68bu, h ^= h >> 16;
     return h;
 }
@@ -75,8 +75,8 @@ struct Shifts {
 inline Shifts shifts_of(const Samples& samples, int column, int row) {
     Shifts shifts{{0, 0, 0, 0}};
     if (!samples.shifted) return shifts;
-    uint32_t h = mixed(samples.seed ^ mixed(static_cast<uint32_t>(column) + mixed(static_cast<uint32_t>(row))));
-    for (float& shift : shifts.of) shift = static_cast<float>(h >> 8) * 0x1p-24f, h = mixed(h + 0x9e3779b9u);
+    uint32_t h = hash(samples.seed ^ hash(static_cast<uint32_t>(column) + hash(static_cast<uint32_t>(row))));
+    for (float& shift : shifts.of) shift = static_cast<float>(h >> 8) * 0x1p-24f, h = hash(h + 0x9e3779b9u);
     return shifts;
 }
 
@@ -97,7 +97,7 @@ inline float wrapped(float x) { return x - (x >= 1 ? 1.f : 0.f); }
 // object's memory could be loaded only under the branch that uses them.
 
 // Place the samples of the lanes, starting with number `first` of the row, pixel by pixel.
-void place(const Exposure& e, int row, int64_t first, Bundle& r) {
+void place_samples(const Exposure& e, int row, int64_t first, Bundle& r) {
     const Samples& s = e.samples;
     int column = e.left + static_cast<int>(first / s.count), sample = static_cast<int>(first % s.count);
     for (int begin = 0, end; begin < LANES; begin = end, sample = 0, ++column) {
@@ -120,20 +120,21 @@ void undistort(const Optics o, Bundle& r) {
     const float k1 = o.distortion[0], k2 = o.distortion[1], k3 = o.distortion[2];
     const float p1 = o.distortion[3], p2 = o.distortion[4];
     OMNIMIRROR_EACH_LANE(i) {
-        const float wanted_x = r.tx[i], wanted_y = r.ty[i], wanted = root(wanted_x * wanted_x + wanted_y * wanted_y);
-        float radius = wanted < o.fold ? wanted : o.fold;
+        const float distorted_x = r.tx[i], distorted_y = r.ty[i],
+                    distorted_radius = root(distorted_x * distorted_x + distorted_y * distorted_y);
+        float radius = distorted_radius < o.fold ? distorted_radius : o.fold;
         for (int step = 0; step < 8; ++step) {
             const float s = radius * radius, bend = 1 + s * (k1 + s * (k2 + s * k3));
             const float rate = 1 + s * (3 * k1 + s * (5 * k2 + s * 7 * k3));
-            radius -= (radius * bend - wanted) / (rate > 0.01f ? rate : 0.01f);
+            radius -= (radius * bend - distorted_radius) / (rate > 0.01f ? rate : 0.01f);
             radius = radius < o.fold ? positive(radius) : o.fold;
         }
-        const float inwards = radius / (wanted + 1e-30f);
-        float x = wanted_x * inwards, y = wanted_y * inwards, left_x = 0, left_y = 0, area = 1;
+        const float inwards = radius / (distorted_radius + 1e-30f);
+        float x = distorted_x * inwards, y = distorted_y * inwards, left_x = 0, left_y = 0, area = 1;
         for (int step = 0; step < 3; ++step) {
             const float s = x * x + y * y, bend = 1 + s * (k1 + s * (k2 + s * k3)), turn = k1 + s * (2 * k2 + s * 3 * k3);
-            left_x = x * bend + 2 * p1 * x * y + p2 * (s + 2 * x * x) - wanted_x;
-            left_y = y * bend + p1 * (s + 2 * y * y) + 2 * p2 * x * y - wanted_y;
+            left_x = x * bend + 2 * p1 * x * y + p2 * (s + 2 * x * x) - distorted_x;
+            left_y = y * bend + p1 * (s + 2 * y * y) + 2 * p2 * x * y - distorted_y;
             const float xx = bend + 2 * x * x * turn + 2 * p1 * y + 6 * p2 * x, xy = 2 * (x * y * turn + p1 * x + p2 * y);
             const float yy = bend + 2 * y * y * turn + 6 * p1 * y + 2 * p2 * x;
             area = xx * yy - xy * xy;
@@ -141,9 +142,10 @@ void undistort(const Optics o, Bundle& r) {
             x -= inverse * (yy * left_x - xy * left_y), y -= inverse * (xx * left_y - xy * left_x);
         }
         const float miss = absolute(left_x) + absolute(left_y);
-        const bool found = (miss < 1e-5f * (1 + wanted)) & (x * x + y * y <= o.fold * o.fold) & (area > 0);
-        r.tx[i] = found ? x : 1e3f, r.ty[i] = found ? y : 1e3f;
-        r.weight[i] = found ? 1 / area : 0;
+        const bool converged =
+            (miss < 1e-5f * (1 + distorted_radius)) & (x * x + y * y <= o.fold * o.fold) & (area > 0);
+        r.tx[i] = converged ? x : 1e3f, r.ty[i] = converged ? y : 1e3f;
+        r.weight[i] = converged ? 1 / area : 0;
     }
 }
 
@@ -197,7 +199,7 @@ void to_mirror(const Optics& o, Bundle& r) {
 // Intersect the ray from the lens with the conic's sheet at the vertex: the root of
 //   c (x^2 + y^2 + (1 + k) z^2) = 2 z, c the curvature, k the conic constant,
 // that is 0 at the vertex; t is measured from the vertex plane.
-void meet_conic(const Optics o, Bundle& r) {
+void intersect_conic(const Optics o, Bundle& r) {
     const float c = o.curvature, k1 = 1 + o.conic;
     OMNIMIRROR_EACH_LANE(i) {
         const float x = r.ox[i], y = r.oy[i], dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
@@ -219,37 +221,37 @@ struct Piece {
 
 // Hermite interpolation between two nodes: value and derivative at t in [0, 1], from values and derivatives at the
 // nodes.
-struct Between {
+struct HermiteValue {
     float value, rate;
 };
-inline Between between(float f0, float g0, float f1, float g1, float t) {
+inline HermiteValue hermite(float f0, float g0, float f1, float g1, float t) {
     const float d = f1 - f0, a = 3 * d - 2 * g0 - g1, b = g0 + g1 - 2 * d;
     return {f0 + t * (g0 + t * (a + t * b)), g0 + t * (2 * a + 3 * b * t)};
 }
 
 inline const MeridianNode* node_before(const Optics& o, float r, float& t) {
-    const float place = r / o.step, last = static_cast<float>(o.cells) - 1;
-    const float cell = place < last ? floor_of(place) : last;
-    t = place - cell;
+    const float position = r / o.step, last = static_cast<float>(o.cells) - 1;
+    const float cell = position < last ? floor_of(position) : last;
+    t = position - cell;
     return o.nodes + index_of(cell, o.cells - 1);
 }
 
-inline Between slope_at(const Optics& o, float r) {
+inline HermiteValue slope_at(const Optics& o, float r) {
     float t;
     const MeridianNode* n = node_before(o, r, t);
-    const Between s = between(n[0].slope, n[0].curvature * o.step, n[1].slope, n[1].curvature * o.step, t);
+    const HermiteValue s = hermite(n[0].slope, n[0].curvature * o.step, n[1].slope, n[1].curvature * o.step, t);
     return {s.value, s.rate / o.step};
 }
 
 inline float sag_at(const Optics& o, float r) {
     float t;
     const MeridianNode* n = node_before(o, r, t);
-    return between(n[0].sag, n[0].slope * o.step, n[1].sag, n[1].slope * o.step, t).value;
+    return hermite(n[0].sag, n[0].slope * o.step, n[1].sag, n[1].slope * o.step, t).value;
 }
 
-Piece piece_of(const Optics& o, float low, float high) {
+Piece meridian_piece(const Optics& o, float low, float high) {
     const float r0 = 0.5f * (low + high), h = 0.5f * (high - low);
-    const Between a = slope_at(o, low), m = slope_at(o, r0), b = slope_at(o, high);
+    const HermiteValue a = slope_at(o, low), m = slope_at(o, r0), b = slope_at(o, high);
     const float even = 0.5f * (b.value + a.value) - m.value, odd = 0.5f * (b.value - a.value) - h * m.rate;
     const float even_rate = 0.5f * h * (b.rate - a.rate), odd_rate = 0.5f * h * (b.rate + a.rate) - h * m.rate;
     const float a4 = 0.5f * even_rate - even, a5 = 0.5f * (odd_rate - 3 * odd);
@@ -257,7 +259,7 @@ Piece piece_of(const Optics& o, float low, float high) {
 }
 
 // The piece below all lanes that are near the mirror, with a margin.
-Piece piece_under(const Optics& o, const Bundle& r) {
+Piece covering_piece(const Optics& o, const Bundle& r) {
     float low = o.rim, high = 0;
     for (int i = 0; i < LANES; ++i) {
         const float distance = root(r.px[i] * r.px[i] + r.py[i] * r.py[i]), inside = distance < o.rim ? distance : o.rim;
@@ -265,19 +267,19 @@ Piece piece_under(const Optics& o, const Bundle& r) {
     }
     const float margin = 0.002f * o.rim + 0.2f * (high - low);
     low = positive(low - margin), high = high + margin < o.rim ? high + margin : o.rim;
-    return piece_of(o, low, high);
+    return meridian_piece(o, low, high);
 }
 
-struct Progress {
-    float moved;  // maximum step, mm
+struct NewtonProgress {
+    float max_step;  // maximum step, mm
     float left;   // maximum distance of a lane outside the piece, mm
 };
 
 // One Newton step from the points at px, py, pz; beyond the rim, the surface is extrapolated linearly.
-Progress approach(const Optics& o, const Piece& piece, Bundle& r) {
+NewtonProgress newton_step(const Optics& o, const Piece& piece, Bundle& r) {
     const float* s = piece.slope;
     const float inverse = 1 / piece.h;
-    Lane moved, left;
+    Lane max_step, left;
     OMNIMIRROR_EACH_LANE(i) {
         const float x = r.px[i], y = r.py[i], distance = root(x * x + y * y);
         const float on = distance < o.rim ? distance : o.rim, t = (on - piece.r0) * inverse;
@@ -293,31 +295,31 @@ Progress approach(const Optics& o, const Piece& piece, Bundle& r) {
         r.px[i] = x + step * r.dx[i], r.py[i] = y + step * r.dy[i], r.pz[i] += step * r.dz[i];
         r.nx[i] = nx, r.ny[i] = ny;
         r.fate[i] = hit ? REFLECTED : LOST;
-        moved[i] = hit ? absolute(step * r.dz[i]) : 0;
+        max_step[i] = hit ? absolute(step * r.dz[i]) : 0;
         left[i] = hit ? absolute(on - piece.r0) - piece.h : 0;
     }
-    Progress progress{0, 0};
-    OMNIMIRROR_EACH_LANE(i) progress.moved = moved[i] > progress.moved ? moved[i] : progress.moved;
+    NewtonProgress progress{0, 0};
+    OMNIMIRROR_EACH_LANE(i) progress.max_step = max_step[i] > progress.max_step ? max_step[i] : progress.max_step;
     OMNIMIRROR_EACH_LANE(i) progress.left = left[i] > progress.left ? left[i] : progress.left;
     return progress;
 }
 
-constexpr float NEAR_MM = 5e-5f;  // changes the normal by 1e-6
-constexpr int MOST_STEPS = 16;    // only rays that graze the rim need more than a few
+constexpr float TOLERANCE_MM = 5e-5f;  // changes the normal by 1e-6
+constexpr int MAX_STEPS = 16;          // only rays that graze the rim need more than a few
 
 // Intersect a meridian given by nodes, starting from the best-fit conic.
-void meet_nodes(const Optics o, Bundle& r) {
-    meet_conic(o, r);
+void intersect_nodes(const Optics o, Bundle& r) {
+    intersect_conic(o, r);
     OMNIMIRROR_EACH_LANE(i) {  // the ray may miss the conic but hit the mirror
         const bool usable = r.px[i] * r.px[i] + r.py[i] * r.py[i] < 2 * o.rim * o.rim;
         r.px[i] = usable ? r.px[i] : r.ox[i], r.py[i] = usable ? r.py[i] : r.oy[i], r.pz[i] = usable ? r.pz[i] : 0;
     }
-    Piece piece = piece_under(o, r);
-    for (int k = 0; k < MOST_STEPS; ++k) {
-        const Progress progress = approach(o, piece, r);
+    Piece piece = covering_piece(o, r);
+    for (int k = 0; k < MAX_STEPS; ++k) {
+        const NewtonProgress progress = newton_step(o, piece, r);
         if (progress.left > 0)
-            piece = piece_under(o, r);
-        else if (progress.moved <= NEAR_MM)
+            piece = covering_piece(o, r);
+        else if (progress.max_step <= TOLERANCE_MM)
             return;
     }
 }
@@ -333,16 +335,16 @@ void reflect(const Optics o, Bundle& r) {
         float dx = r.dx[i], dy = r.dy[i], dz = r.dz[i];
         const float nx = r.nx[i], ny = r.ny[i], n2 = 1 + nx * nx + ny * ny;
         const float along = dx * nx + dy * ny + dz;
-        const float turned = hit ? 2 * along / n2 : 0;
+        const float reflection_scale = hit ? 2 * along / n2 : 0;
         const float d2 = dx * dx + dy * dy + dz * dz;
         const float oblique = 1 - absolute(along) / root(n2 * d2);
-        dx -= turned * nx, dy -= turned * ny, dz -= turned;
-        float kept = w[7];
-        for (int k = 6; k >= 0; --k) kept = kept * oblique + w[k];
-        r.weight[i] *= hit ? kept : 1;
+        dx -= reflection_scale * nx, dy -= reflection_scale * ny, dz -= reflection_scale;
+        float reflectance = w[7];
+        for (int k = 6; k >= 0; --k) reflectance = reflectance * oblique + w[k];
+        r.weight[i] *= hit ? reflectance : 1;
         const float up = (o.edge_z - z) / (dz + 1e-30f), ex = x + up * dx, ey = y + up * dy, e2 = ex * ex + ey * ey;
         const bool edge = hit & (up > 0) & (e2 > o.rim * o.rim) & (e2 < o.edge_radius * o.edge_radius);
-        r.fate[i] = edge ? HIDDEN : r.fate[i];
+        r.fate[i] = edge ? OBSCURED : r.fate[i];
         r.px[i] = x, r.py[i] = y, r.pz[i] = z;
         r.dx[i] = dx, r.dy[i] = dy, r.dz[i] = dz;
     }
@@ -356,14 +358,14 @@ void reflect(const Optics o, Bundle& r) {
 }
 
 // Return whether a ray hits one end of the rod.
-inline bool meets_end(const Optics& o, int end, float x, float y, float z, float dx, float dy, float dz) {
+inline bool hits_rod_end(const Optics& o, int end, float x, float y, float z, float dx, float dy, float dz) {
     const float t = (o.rod_z[end] - z) / (dz + 1e-30f), px = x + t * dx, py = y + t * dy;
     return (t >= 0) & (px * px + py * py < o.rod_radius[end] * o.rod_radius[end]);
 }
 
 // Return whether a ray hits the rod at its side or its ends, or starts inside it, which is possible if the mirror is
 // misaligned.
-inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, float dy, float dz) {
+inline bool hits_rod(const Optics& o, float x, float y, float z, float dx, float dy, float dz) {
     const float taper = (o.rod_radius[1] - o.rod_radius[0]) / (o.rod_z[1] - o.rod_z[0]);
     const float radius = o.rod_radius[0] + taper * (z - o.rod_z[0]), widening = taper * dz;
     const float a = dx * dx + dy * dy - widening * widening, b = x * dx + y * dy - radius * widening;
@@ -371,12 +373,12 @@ inline bool meets_rod(const Optics& o, float x, float y, float z, float dx, floa
     const float t = (-b - root(disc)) / (a + 1e-20f), at = z + t * dz;
     const bool side = (disc > 0) & (t > 0) & (at >= o.rod_z[0]) & (at <= o.rod_z[1]);
     const bool inside = (c < 0) & (z > o.rod_z[0]) & (z < o.rod_z[1]);
-    return side | inside | meets_end(o, 0, x, y, z, dx, dy, dz) | meets_end(o, 1, x, y, z, dx, dy, dz);
+    return side | inside | hits_rod_end(o, 0, x, y, z, dx, dy, dz) | hits_rod_end(o, 1, x, y, z, dx, dy, dz);
 }
 
 // Radiance of the camera front; q is the distance from the axis in radii of the lens's front ring: glass with a glint,
 // a bright ring, the barrel, a groove, and the body with a mark towards the top of the image.
-inline float front_of(float x, float y, float q) {
+inline float front_radiance(float x, float y, float q) {
     const float gx = x + 0.2f, gy = y + 0.25f;
     const bool glint = gx * gx + gy * gy < 0.0144f;
     const bool mark = (absolute(x) < 0.12f) & (y < 0) & (q > 1.15f) & (q < 1.55f);
@@ -386,11 +388,11 @@ inline float front_of(float x, float y, float q) {
 }
 
 // Dark edge around the mirror rim, in the mirror frame: rays that miss the mirror may hit it.
-void meet_edge(const Optics o, Bundle& r) {
+void intersect_edge(const Optics o, Bundle& r) {
     OMNIMIRROR_EACH_LANE(i) {
         const float t = o.edge_z / r.dz[i], x = r.ox[i] + t * r.dx[i], y = r.oy[i] + t * r.dy[i];
         const bool on = (r.fate[i] == LOST) & (x * x + y * y < o.edge_radius * o.edge_radius) & (r.weight[i] > 0);
-        r.fate[i] = on ? HIDDEN : r.fate[i];
+        r.fate[i] = on ? OBSCURED : r.fate[i];
     }
 }
 
@@ -401,42 +403,42 @@ void obscure(const Optics o, Bundle& r) {
         const float to_stop = o.telecentric ? 0.f : 1.f, side = o.telecentric ? -1.f : 1.f;
         OMNIMIRROR_EACH_LANE(i) {
             const float x = r.px[i], y = r.py[i], z = r.pz[i];
-            const float radius = side * o.stop * root(r.a[i]), place = r.b[i] - 0.5f;
-            const float bx = radius * cosine_of(place) - to_stop * x, by = radius * sine_of(place) - to_stop * y;
+            const float radius = side * o.stop * root(r.a[i]), position = r.b[i] - 0.5f;
+            const float bx = radius * cosine_of(position) - to_stop * x, by = radius * sine_of(position) - to_stop * y;
             const float bz = o.telecentric ? -1.f : -z;
-            const bool out = meets_rod(o, x, y, z, r.dx[i], r.dy[i], r.dz[i]);
-            const bool back = meets_rod(o, x, y, z, bx, by, bz);
-            r.fate[i] = (r.fate[i] != LOST) & (out | back) ? HIDDEN : r.fate[i];
+            const bool out = hits_rod(o, x, y, z, r.dx[i], r.dy[i], r.dz[i]);
+            const bool back = hits_rod(o, x, y, z, bx, by, bz);
+            r.fate[i] = (r.fate[i] != LOST) & (out | back) ? OBSCURED : r.fate[i];
         }
     }
     OMNIMIRROR_EACH_LANE(i) {
         const float down = (o.body_z - r.pz[i]) / (r.dz[i] - 1e-30f);
         const float x = r.px[i] + down * r.dx[i], y = r.py[i] + down * r.dy[i];
         const bool body = (r.dz[i] < 0) & (x * x + y * y < o.body_radius * o.body_radius);
-        const bool seen = (r.fate[i] == REFLECTED) & body;
+        const bool visible = (r.fate[i] == REFLECTED) & body;
         const float qx = x / o.lens_radius, qy = y / o.lens_radius;
-        r.weight[i] *= seen ? front_of(qx, qy, root(qx * qx + qy * qy)) : 1;
-        r.fate[i] = seen ? HIDDEN : r.fate[i];
+        r.weight[i] *= visible ? front_radiance(qx, qy, root(qx * qx + qy * qy)) : 1;
+        r.fate[i] = visible ? OBSCURED : r.fate[i];
     }
 }
 
 // Trace all steps; return whether any lane is not lost.
 bool trace(const Exposure& e, int row, int64_t first, Bundle& r) {
     const Optics& o = e.optics;
-    place(e, row, first, r);
+    place_samples(e, row, first, r);
     through_lens(o, r);
     to_mirror(o, r);
     if (o.nodes)
-        meet_nodes(o, r);
+        intersect_nodes(o, r);
     else
-        meet_conic(o, r);
-    if (o.edge_radius > o.rim) meet_edge(o, r);
+        intersect_conic(o, r);
+    if (o.edge_radius > o.rim) intersect_edge(o, r);
     float sum = 0;
     OMNIMIRROR_EACH_LANE(i) sum += r.fate[i];
-    if (sum == 0 && !o.sees_past) return false;
+    if (sum == 0 && !o.direct_view) return false;
     reflect(o, r);
-    const float past = o.sees_past ? DIRECT : LOST;
-    OMNIMIRROR_EACH_LANE(i) r.fate[i] = r.fate[i] == LOST ? past : r.fate[i];
+    const float missed_fate = o.direct_view ? DIRECT : LOST;
+    OMNIMIRROR_EACH_LANE(i) r.fate[i] = r.fate[i] == LOST ? missed_fate : r.fate[i];
     if (o.body_radius > 0 || o.rod_z[1] > o.rod_z[0]) obscure(o, r);
     turn(o.rotation, r.dx, r.dy, r.dz);  // to the world frame
     return true;

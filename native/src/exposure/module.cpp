@@ -23,28 +23,29 @@ struct OwnedOptics {
 
 // The kernels are compiled with -ffast-math, which assumes finite numbers. Lengths in mm, pixels and tangents are far
 // below this limit, whose squares and products are finite.
-constexpr float LARGEST = 1e12f;
+constexpr float MAX_MAGNITUDE = 1e12f;
 
 template <size_t N>
 void copy(const Numbers<N>& from, float (&to)[N], const char* name) {
-    for (size_t i = 0; i < N; ++i) to[i] = checked(from[i], name, -LARGEST, LARGEST);
+    for (size_t i = 0; i < N; ++i) to[i] = checked(from[i], name, -MAX_MAGNITUDE, MAX_MAGNITUDE);
 }
 
 OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, Numbers<5> distortion, float fold,
-                         float focus, float stop, Numbers<3> vertex, Numbers<9> axes, bool aligned, float curvature, float conic,
-                         float rim, const Floats& nodes, Numbers<8> reflectance, float natural_vignetting,
+                         float focus, float stop, Numbers<3> vertex, Numbers<9> axes, bool aligned, float curvature,
+                         float conic, float rim, const Floats& nodes, Numbers<8> reflectance, float natural_vignetting,
                          float body_z, float body_radius, float lens_radius, float edge_z, float edge_radius,
-                         Numbers<2> rod_z, Numbers<2> rod_radius,
-                         Numbers<3> housing_light, bool sees_past, Numbers<9> rotation, Numbers<3> shift,
-                         bool distant) {
+                         Numbers<2> rod_z, Numbers<2> rod_radius, Numbers<3> housing_light, bool direct_view,
+                         Numbers<9> rotation, Numbers<3> shift, bool distant) {
     const float* node = checked(nodes, "nodes", {ANY, 3});
     const int count = count_of(nodes.shape(0), "nodes", 1 << 24);
-    require(count != 1, "nodes must be none, or at least two");
+    require(count != 1, "nodes must have 0 or at least 2 rows");
     require(rim > 0, "rim must be above 0");
     auto owned = std::make_unique<OwnedOptics>();
     Optics& o = owned->optics;
-    o.telecentric = telecentric, o.aligned = aligned, o.sees_past = sees_past, o.distant = distant;
-    const auto set = [](float& to, float value, const char* name) { to = checked(value, name, -LARGEST, LARGEST); };
+    o.telecentric = telecentric, o.aligned = aligned, o.direct_view = direct_view, o.distant = distant;
+    const auto set = [](float& to, float value, const char* name) {
+        to = checked(value, name, -MAX_MAGNITUDE, MAX_MAGNITUDE);
+    };
     set(o.fold, fold, "fold"), set(o.focus, focus, "focus"), set(o.stop, stop, "stop");
     set(o.curvature, curvature, "curvature"), set(o.conic, conic, "conic"), set(o.rim, rim, "rim");
     set(o.natural_vignetting, natural_vignetting, "natural_vignetting");
@@ -56,7 +57,7 @@ OwnedOptics* make_optics(bool telecentric, Numbers<2> centre, Numbers<2> scale, 
     copy(rod_z, o.rod_z, "rod_z"), copy(rod_radius, o.rod_radius, "rod_radius");
     copy(housing_light, o.housing_light, "housing_light");
     copy(rotation, o.rotation, "rotation"), copy(shift, o.shift, "shift");
-    for (int i = 0; i < 3 * count; ++i) checked(node[i], "nodes", -LARGEST, LARGEST);
+    for (int i = 0; i < 3 * count; ++i) checked(node[i], "nodes", -MAX_MAGNITUDE, MAX_MAGNITUDE);
     for (int i = 0; i < count; ++i) owned->nodes.push_back({node[3 * i], node[3 * i + 1], node[3 * i + 2]});
     if (!owned->nodes.empty()) {
         o.nodes = owned->nodes.data(), o.cells = static_cast<int>(owned->nodes.size()) - 1;
@@ -73,7 +74,8 @@ struct OwnedEnvironment {
 OwnedEnvironment* make_environment(const Floats& light) {
     const float* pixels = checked(light, "light", {ANY, ANY, 3});
     const size_t height = light.shape(0), width = light.shape(1);
-    for (const size_t side : {height, width}) checked<double>(static_cast<double>(side), "sides of light", 1, 1 << 16);
+    for (const size_t side : {height, width})
+        checked<double>(static_cast<double>(side), "image size of light", 1, 1 << 16);
     auto owned = std::make_unique<OwnedEnvironment>();
     owned->texels.resize(4 * height * (width + 2));
     float* out = owned->texels.data();
@@ -84,15 +86,15 @@ OwnedEnvironment* make_environment(const Floats& light) {
     return owned.release();
 }
 
-constexpr int FARTHEST = 1 << 20;  // maximum number of rows, columns and samples
+constexpr int MAX_PIXEL_INDEX = 1 << 20;  // maximum number of rows, columns and samples
 
 Exposure exposure_of(const OwnedOptics& owned, const Floats& points, bool shifted, uint32_t seed, int left, int top,
                      int64_t rows, int64_t columns) {
     const float* first = checked(points, "points", {ANY, 4});
-    const int samples = count_of(points.shape(0), "points", FARTHEST);
+    const int samples = count_of(points.shape(0), "points", MAX_PIXEL_INDEX);
     require(samples > 0, "points must not be empty");
-    for (const int64_t side : {rows, columns}) checked<int64_t>(side, "sides of the image", 0, FARTHEST);
-    for (const int place : {left, top}) checked(place, "left and top", -FARTHEST, FARTHEST);
+    for (const int64_t side : {rows, columns}) checked<int64_t>(side, "image size", 0, MAX_PIXEL_INDEX);
+    for (const int place : {left, top}) checked(place, "left and top", -MAX_PIXEL_INDEX, MAX_PIXEL_INDEX);
     return {owned.optics, {first, samples, shifted, seed}, left, static_cast<int>(columns)};
 }
 
@@ -127,8 +129,8 @@ int64_t expose_surfaces(const OwnedOptics& optics, const Surfaces& surfaces, con
     checked<int64_t>(rows * columns, "pixels of light", 0, 1 << 28);
     const int64_t room = length_of(open_pixels, 0);
     const OpenRays open{checked(open_pixels, "open_pixels", {ANY}), checked(open_rays, "open_rays", {room, 7}), room > 0};
-    require(!open.wanted || room >= rows * columns * exposure.samples.count,
-            "open_pixels must have room for all rays, or none");
+    require(!open.is_requested || room >= rows * columns * exposure.samples.count,
+            "open_pixels must have length 0 or one entry per ray");
     nb::gil_scoped_release released;
     return expose(exposure, surfaces.tree(), top, static_cast<int>(rows), out, open);
 }
@@ -139,8 +141,9 @@ void add_exposure(nb::module_& m) {
     nb::class_<OwnedOptics>(m, "Optics")
         .def(nb::new_(&make_optics), nb::kw_only(), "telecentric"_a, "centre"_a, "scale"_a, "distortion"_a, "fold"_a,
              "focus"_a, "stop"_a, "vertex"_a, "axes"_a, "aligned"_a, "curvature"_a, "conic"_a, "rim"_a, "nodes"_a,
-             "reflectance"_a, "natural_vignetting"_a, "body_z"_a, "body_radius"_a, "lens_radius"_a, "edge_z"_a, "edge_radius"_a, "rod_z"_a, "rod_radius"_a,
-             "housing_light"_a, "sees_past"_a, "rotation"_a, "shift"_a, "distant"_a);
+             "reflectance"_a, "natural_vignetting"_a, "body_z"_a, "body_radius"_a, "lens_radius"_a, "edge_z"_a,
+             "edge_radius"_a, "rod_z"_a, "rod_radius"_a, "housing_light"_a, "direct_view"_a, "rotation"_a, "shift"_a,
+             "distant"_a);
     nb::class_<OwnedEnvironment>(m, "Environment").def(nb::new_(&make_environment), "light"_a);
     m.def("expose_environment", &expose_environment, "optics"_a, "environment"_a, "points"_a, "shifted"_a, "seed"_a,
           "left"_a, "top"_a, "light"_a);

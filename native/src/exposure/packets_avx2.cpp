@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const PacketKernels avx2_packets{&see};
+const PacketKernels avx2_packets{&trace};
 
 }  // namespace omnimirror

@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const PacketKernels plain_packets{&see};
+const PacketKernels plain_packets{&trace};
 
 }  // namespace omnimirror

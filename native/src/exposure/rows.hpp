@@ -7,7 +7,7 @@ namespace omnimirror {
 namespace {
 
 // Positions of directions in the environment image, px: columns in u, rows in v.
-void look_up(const Environment& world, Bundle& r) {
+void environment_position(const Environment& world, Bundle& r) {
     const float across = static_cast<float>(world.width) / 6.28318531f, middle = 0.5f * static_cast<float>(world.width);
     const float down = static_cast<float>(world.height) / 3.14159265f;
     const float lowest = static_cast<float>(world.height) - 1;
@@ -42,12 +42,12 @@ void light_of_row(const Exposure& e, const Environment& world, int row, float* o
     int left = e.samples.count;
     for (int64_t first = 0; first < count; first += LANES) {
         const bool any = trace(e, row, first, r);
-        if (any) look_up(world, r);
+        if (any) environment_position(world, r);
         const int lanes = count - first < LANES ? static_cast<int>(count - first) : LANES;
         for (int i = 0; i < lanes; ++i) {
             if (any && (r.fate[i] == REFLECTED || r.fate[i] == DIRECT))
                 add_light(world, r.u[i], r.v[i], share * r.weight[i], sum);
-            else if (any && r.fate[i] == HIDDEN)
+            else if (any && r.fate[i] == OBSCURED)
                 for (int c = 0; c < 3; ++c) sum.rgb[c] += share * r.weight[i] * e.optics.housing_light[c];
             if (--left) continue;
             for (int c = 0; c < 3; ++c) *out++ = sum.rgb[c];
@@ -87,8 +87,8 @@ bool rays_of_block(const Exposure& e, int row, int64_t first, RayBlock& out) {
         for (int c = 0; c < 3; ++c)
             for (int j = 0; j < PACKET; ++j) {
                 const int i = PACKET * k + j;
-                const float place = m[3 * c] * r.px[i] + m[3 * c + 1] * r.py[i] + m[3 * c + 2] * r.pz[i];
-                p.origin[c][j] = near * place + shift[c];
+                const float position = m[3 * c] * r.px[i] + m[3 * c + 1] * r.py[i] + m[3 * c + 2] * r.pz[i];
+                p.origin[c][j] = near * position + shift[c];
             }
         for (int j = 0; j < PACKET; ++j) {
             const int i = PACKET * k + j;

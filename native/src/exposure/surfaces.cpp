@@ -9,7 +9,7 @@
 namespace omnimirror {
 namespace {
 
-constexpr int64_t PORTION = 4096;  // rays per task
+constexpr int64_t RAYS_PER_TASK = 4096;  // rays per task
 
 struct Work {
     SurfaceTree tree;
@@ -32,13 +32,13 @@ Packet packet_of(const Work& w, int64_t first) {
     return packet;
 }
 
-void look(void* context, int portion) {
+void radiance_task(void* context, int portion) {
     const Work& w = *static_cast<const Work*>(context);
     const PacketKernels& kernels = packet_kernels();
-    const int64_t end = std::min(w.count, PORTION * (portion + int64_t{1}));
+    const int64_t end = std::min(w.count, RAYS_PER_TASK * (portion + int64_t{1}));
     Hits hits;
-    for (int64_t first = PORTION * portion; first < end; first += PACKET) {
-        kernels.see(w.tree, packet_of(w, first), hits);
+    for (int64_t first = RAYS_PER_TASK * portion; first < end; first += PACKET) {
+        kernels.trace(w.tree, packet_of(w, first), hits);
         const int count = static_cast<int>(std::min<int64_t>(PACKET, end - first));
         std::copy_n(&hits.light[0][0], 4 * count, w.light + 4 * first);
         for (int i = 0; i < count; ++i)
@@ -66,7 +66,7 @@ Surfaces::Surfaces(std::vector<Surface> surfaces, std::vector<Texture> textures,
 void Surfaces::radiance(const float* origins, const float* directions, int64_t count, float* light,
                         float* distances) const {
     Work work{tree(), origins, directions, count, light, distances};
-    parallel_for(static_cast<int>((count + PORTION - 1) / PORTION), &look, &work);
+    parallel_for(static_cast<int>((count + RAYS_PER_TASK - 1) / RAYS_PER_TASK), &radiance_task, &work);
 }
 
 }  // namespace omnimirror

@@ -36,7 +36,7 @@ struct Node {
     uint16_t axis;   // along which the first child precedes the second
 };
 
-constexpr int DEEPEST = 64;  // maximum depth of the tree; size of the traversal stack
+constexpr int MAX_TREE_DEPTH = 64;  // maximum depth of the tree; size of the traversal stack
 
 struct SurfaceTree {
     const Node* nodes;  // the root is first; empty without surfaces
@@ -61,7 +61,7 @@ struct alignas(64) Hits {
 };
 
 struct PacketKernels {
-    void (*see)(const SurfaceTree&, const Packet&, Hits&);
+    void (*trace)(const SurfaceTree&, const Packet&, Hits&);
 };
 
 extern const PacketKernels plain_packets;

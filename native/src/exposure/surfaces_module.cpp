@@ -24,7 +24,7 @@ std::vector<Texture> textures_of(const Ints& sizes, int64_t texels) {
         textures.push_back({first, width, height, s[2]});
         first = checked<int64_t>(first + int64_t{width} * height, "number of texels", 0, MAX_TEXELS);
     }
-    require(first == texels, "texels must be as many as the sizes say");
+    require(first == texels, "texels must have the number of rows specified by sizes");
     return textures;
 }
 
@@ -35,14 +35,15 @@ Surfaces* make_surfaces(const Floats& records, const Ints& sizes, const Floats& 
     if (count) std::memcpy(static_cast<void*>(surfaces.data()), record, count * sizeof(Surface));
     const float* texel = checked(texels, "texels", {ANY, 4});
     std::vector<Texture> textures = textures_of(sizes, length_of(texels, 0));
-    const auto check = [](const float* x, int many) {
-        for (int i = 0; i < many; ++i) checked(x[i], "places of surfaces", -1e15f, 1e15f);
+    const auto check = [](const float* x, int count) {
+        for (int i = 0; i < count; ++i) checked(x[i], "records", -1e15f, 1e15f);
     };
     for (const Surface& s : surfaces) {
         check(s.corner, 3), check(&s.side[0][0], 6), check(s.texel, 2), check(&s.texel_side[0][0], 4);
-        require(s.texture() < static_cast<int32_t>(textures.size()), "textures of surfaces must exist");
+        require(s.texture() < static_cast<int32_t>(textures.size()),
+                "texture indices of records must be less than the length of sizes");
     }
-    std::shared_ptr<const float> shared(texel, [kept = texels](const float*) {});
+    std::shared_ptr<const float> shared(texel, [reflectance = texels](const float*) {});
     return new Surfaces(std::move(surfaces), std::move(textures), std::move(shared));
 }
 
@@ -75,8 +76,8 @@ BoxRays rays_of(const Doubles& origins, const Doubles& directions, int64_t count
     return {checked(origins, "origins", {count, 3}), checked(directions, "directions", {count, 3}), count};
 }
 
-void meet(const Doubles& corners, const Doubles& origins, const Doubles& directions, const DoublesOut& distances,
-          const IntsOut& faces) {
+void intersect_boxes_binding(const Doubles& corners, const Doubles& origins, const Doubles& directions,
+                             const DoublesOut& distances, const IntsOut& faces) {
     const Boxes boxes = boxes_of(corners);
     require(boxes.count > 0, "corners must not be empty");
     double* distance = checked(distances, "distances", {ANY});
@@ -84,15 +85,16 @@ void meet(const Doubles& corners, const Doubles& origins, const Doubles& directi
     int32_t* face = checked(faces, "faces", {count});
     const BoxRays rays = rays_of(origins, directions, count);
     nb::gil_scoped_release released;
-    meet_boxes(boxes, rays, distance, face);
+    intersect_boxes(boxes, rays, distance, face);
 }
 
-void lead_through(const Doubles& corners, const Doubles& origins, const Doubles& segments, const BytesOut& through) {
+void are_blocked_binding(const Doubles& corners, const Doubles& origins, const Doubles& segments,
+                         const BytesOut& blocked) {
     const Boxes boxes = boxes_of(corners);
-    uint8_t* out = checked(through, "through", {ANY});
-    const BoxRays ways = rays_of(origins, segments, length_of(through, 0));
+    uint8_t* out = checked(blocked, "blocked", {ANY});
+    const BoxRays rays = rays_of(origins, segments, length_of(blocked, 0));
     nb::gil_scoped_release released;
-    lead_through_boxes(boxes, ways, out);
+    are_blocked(boxes, rays, out);
 }
 
 }  // namespace
@@ -102,8 +104,9 @@ void add_surfaces(nb::module_& m) {
         .def(nb::new_(&make_surfaces), "records"_a, "sizes"_a, "texels"_a)
         .def_prop_ro("records", &records_of)
         .def("radiance", &radiance, "origins"_a, "directions"_a, "light"_a, "distances"_a);
-    m.def("meet_boxes", &meet, "corners"_a, "origins"_a, "directions"_a, "distances"_a, "faces"_a);
-    m.def("lead_through_boxes", &lead_through, "corners"_a, "origins"_a, "segments"_a, "through"_a);
+    m.def("intersect_boxes", &intersect_boxes_binding, "corners"_a, "origins"_a, "directions"_a, "distances"_a,
+          "faces"_a);
+    m.def("are_blocked", &are_blocked_binding, "corners"_a, "origins"_a, "segments"_a, "blocked"_a);
 }
 
 }  // namespace omnimirror

@@ -10,9 +10,10 @@ namespace omnimirror {
 namespace {
 
 constexpr int BINS = 16;
-constexpr int FEW = 4, MOST = 8;     // leaf sizes: always accepted, and accepted if a split does not cost less
+constexpr int LEAF_SIZE = 4,
+              MAX_LEAF_SIZE = 8;     // leaf sizes: always accepted, and accepted if a split does not cost less
 constexpr float SURFACE_COST = 2;    // cost of a surface test, in box tests
-constexpr int HALVED_FROM = 32;      // level from which surfaces are halved by number, which bounds the depth
+constexpr int MIN_MEDIAN_SPLIT_LEVEL = 32;  // level from which surfaces are halved by number, which bounds the depth
 
 struct Box {
     float low[3] = {INFINITE, INFINITE, INFINITE}, high[3] = {-INFINITE, -INFINITE, -INFINITE};
@@ -33,14 +34,14 @@ Box box_of(const Surface& s) {
         const float p = s.corner[c], a = s.side[0][c], b = s.side[1][c];
         const float far = s.triangle() ? p : p + a + b;
         box.low[c] = std::min({p, p + a, p + b, far}), box.high[c] = std::max({p, p + a, p + b, far});
-        const float grain = 1e-5f * std::max({1.f, std::fabs(box.low[c]), std::fabs(box.high[c])});
-        box.low[c] -= grain, box.high[c] += grain;  // flat surfaces also get a box of nonzero thickness
+        const float padding = 1e-5f * std::max({1.f, std::fabs(box.low[c]), std::fabs(box.high[c])});
+        box.low[c] -= padding, box.high[c] += padding;  // flat surfaces also get a box of nonzero thickness
     }
     return box;
 }
 
 // Return whether single precision resolves the sides of a surface; intersections with thinner surfaces are undefined.
-bool has_width(const Surface& s) {
+bool is_resolved(const Surface& s) {
     double largest = 0, square = 0, longest = 0;
     for (int c = 0; c < 3; ++c) {
         const int d = (c + 1) % 3;
@@ -55,7 +56,7 @@ bool has_width(const Surface& s) {
 }
 
 // A border between bins of centres along an axis.
-struct Division {
+struct Split {
     int axis = -1, bin = 0;
     float cost = INFINITE;
 };
@@ -65,13 +66,13 @@ class Builder {
     explicit Builder(const std::vector<Surface>& surfaces) : boxes_(surfaces.size()) {
         std::transform(surfaces.begin(), surfaces.end(), boxes_.begin(), &box_of);
         for (size_t i = 0; i < surfaces.size(); ++i)
-            if (has_width(surfaces[i])) order.push_back(static_cast<int>(i));
+            if (is_resolved(surfaces[i])) order.push_back(static_cast<int>(i));
     }
 
     void build() {
         if (order.empty()) return;
         nodes.emplace_back();
-        divide(0, 0, static_cast<int>(order.size()), 0);
+        build_node(0, 0, static_cast<int>(order.size()), 0);
     }
 
     std::vector<int> order;
@@ -81,28 +82,29 @@ class Builder {
     const Box& box(int i) const { return boxes_[static_cast<size_t>(order[static_cast<size_t>(i)])]; }
 
     // Create the node of the surfaces [first, end), and its descendants.
-    void divide(size_t node, int first, int end, int level) {
+    void build_node(size_t node, int first, int end, int level) {
         Box all, middles;
         for (int i = first; i < end; ++i) {
             const Box& b = box(i);
             all.add(b);
             middles.add({{b.middle(0), b.middle(1), b.middle(2)}, {b.middle(0), b.middle(1), b.middle(2)}});
         }
-        Node& made = nodes[node];
-        std::copy_n(all.low, 3, made.low), std::copy_n(all.high, 3, made.high);
+        Node& new_node = nodes[node];
+        std::copy_n(all.low, 3, new_node.low), std::copy_n(all.high, 3, new_node.high);
         const int count = end - first;
-        const Division best = count > 1 && level < HALVED_FROM ? best_division(first, end, middles) : Division{};
-        const float together = SURFACE_COST * static_cast<float>(count) * all.area();
-        if (count <= FEW || (count <= MOST && 2 * all.area() + SURFACE_COST * best.cost >= together)) {
-            made.first = first, made.count = static_cast<uint16_t>(count), made.axis = 0;
+        const Split best = count > 1 && level < MIN_MEDIAN_SPLIT_LEVEL ? best_split(first, end, middles) : Split{};
+        const float leaf_cost = SURFACE_COST * static_cast<float>(count) * all.area();
+        if (count <= LEAF_SIZE || (count <= MAX_LEAF_SIZE && 2 * all.area() + SURFACE_COST * best.cost >= leaf_cost)) {
+            new_node.first = first, new_node.count = static_cast<uint16_t>(count), new_node.axis = 0;
             return;
         }
         const int axis = best.axis < 0 ? longest(middles) : best.axis;
-        const int middle = best.axis < 0 ? halve(first, end, axis) : part(first, end, best, middles);
+        const int middle = best.axis < 0 ? split_median(first, end, axis) : split_at(first, end, best, middles);
         const size_t children = nodes.size();
-        made.first = static_cast<int32_t>(children), made.count = 0, made.axis = static_cast<uint16_t>(axis);
+        new_node.first = static_cast<int32_t>(children), new_node.count = 0,
+        new_node.axis = static_cast<uint16_t>(axis);
         nodes.emplace_back(), nodes.emplace_back();
-        divide(children, first, middle, level + 1), divide(children + 1, middle, end, level + 1);
+        build_node(children, first, middle, level + 1), build_node(children + 1, middle, end, level + 1);
     }
 
     static int longest(const Box& box) {
@@ -117,8 +119,8 @@ class Builder {
         return std::clamp(static_cast<int>(BINS * share), 0, BINS - 1);
     }
 
-    Division best_division(int first, int end, const Box& middles) const {
-        Division best;
+    Split best_split(int first, int end, const Box& middles) const {
+        Split best;
         for (int axis = 0; axis < 3; ++axis) {
             if (!(middles.high[axis] > middles.low[axis])) continue;
             Box bins[BINS];
@@ -143,14 +145,14 @@ class Builder {
         return best;
     }
 
-    int part(int first, int end, const Division& at, const Box& middles) {
+    int split_at(int first, int end, const Split& at, const Box& middles) {
         const auto middle = std::partition(order.begin() + first, order.begin() + end, [&](int i) {
             return bin_of(boxes_[static_cast<size_t>(i)], at.axis, middles) < at.bin;
         });
         return static_cast<int>(middle - order.begin());
     }
 
-    int halve(int first, int end, int axis) {
+    int split_median(int first, int end, int axis) {
         const int middle = first + (end - first) / 2;
         std::nth_element(order.begin() + first, order.begin() + middle, order.begin() + end, [&](int a, int b) {
             return boxes_[static_cast<size_t>(a)].middle(axis) < boxes_[static_cast<size_t>(b)].middle(axis);

@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const ReflectionKernel avx2_reflections = {find_some, meet_some};
+const ReflectionKernel avx2_reflections = {reflection_batch, intersection_batch};
 
 }  // namespace omnimirror

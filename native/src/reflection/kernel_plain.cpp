@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const ReflectionKernel plain_reflections = {find_some, meet_some};
+const ReflectionKernel plain_reflections = {reflection_batch, intersection_batch};
 
 }  // namespace omnimirror

@@ -1,12 +1,12 @@
 #include "reflection.hpp"
 
-#include "pieces.hpp"
+#include "batches.hpp"
 #include "sampling/sample.hpp"
 
 namespace omnimirror {
 namespace {
 
-constexpr int RAYS_A_PIECE = 4096;
+constexpr int RAYS_PER_TASK = 4096;
 
 // Uses the instruction set selected for the samplers, or the plain kernel if there is none for it.
 const ReflectionKernel& reflection_kernel() {
@@ -18,8 +18,8 @@ const ReflectionKernel& reflection_kernel() {
 
 }  // namespace
 
-void find_reflections(const SeenJob& job) { in_pieces(job, RAYS_A_PIECE, reflection_kernel().find); }
+void find_reflections(const ReflectionJob& job) { in_batches(job, RAYS_PER_TASK, reflection_kernel().find); }
 
-void meet_mirror(const MetJob& job) { in_pieces(job, RAYS_A_PIECE, reflection_kernel().meet); }
+void intersect_mirror(const IntersectionJob& job) { in_batches(job, RAYS_PER_TASK, reflection_kernel().intersect); }
 
 }  // namespace omnimirror

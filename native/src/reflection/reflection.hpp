@@ -20,25 +20,25 @@ struct ReflectionSurface {
     CubicPieces meridian;  // as a function of the distance from the axis
     double cell;           // width of a piece, mm
     double rim;            // mm
-    double least;          // mm: minimum distance of reflection points from the axis; above 0 at the tip of a cone
+    double min_radius;     // mm: minimum distance of reflection points from the axis; above 0 at the tip of a cone
     double pupil[3];       // in the mirror frame, mm; direction to the pupil if telecentric
     bool telecentric;
 };
 
 struct ReflectionSearch {
     int steps, first_steps;  // maximum Newton steps, and those in the meridian
-    double close, first_close;  // convergence tolerances, in rim radii
-    double longest;             // maximum step, in rim radii
-    double reach;               // maximum distance of iterates beyond the rim, in rim radii
+    double tolerance, first_tolerance;  // convergence tolerances, in rim radii
+    double max_step;                    // maximum step, in rim radii
+    double max_radius;                  // maximum distance of iterates beyond the rim, in rim radii
     double rim_slack;           // in rim radii
 };
 
-enum ReflectionState : std::uint8_t { NOT_SEEN = 0, SEEN = 1, NOT_SETTLED = 2 };
+enum ReflectionState : std::uint8_t { NOT_VISIBLE = 0, VISIBLE = 1, NOT_CONVERGED = 2 };
 
-constexpr int SEEN_ROWS = 8, MET_ROWS = 6;
+constexpr int REFLECTION_ROWS = 8, INTERSECTION_ROWS = 6;
 
 // Targets in the mirror frame, by components.
-struct SeenJob {
+struct ReflectionJob {
     ReflectionSurface surface;
     ReflectionSearch search;
     CubicPieces by_omega;  // distance from the axis as a function of the field angle
@@ -47,29 +47,29 @@ struct SeenJob {
     bool distant;
     const double* targets[3];
     long count;
-    double* rows[SEEN_ROWS];  // x, y, z; slopes in x and y; inverse (xx, xy, yy) of the Hessian
+    double* rows[REFLECTION_ROWS];  // x, y, z; slopes in x and y; inverse (xx, xy, yy) of the Hessian
     std::uint8_t* states;
 };
 
 // Rays from the lens.
-struct MetJob {
+struct IntersectionJob {
     ReflectionSurface surface;
     ReflectionSearch search;
     CubicPieces depth;  // distance along the axis as a function of the ray's tangent, for an aligned mirror
-    double most_tangent;
-    const double* ways[3];
+    double max_tangent;
+    const double* directions[3];
     long count;
-    double* rows[MET_ROWS];  // x, y, z; slopes in x and y; ray parameter in lengths of the direction
+    double* rows[INTERSECTION_ROWS];  // x, y, z; slopes in x and y; ray parameter in lengths of the direction
     std::uint8_t* states;
 };
 
-void find_reflections(const SeenJob& job);
-void meet_mirror(const MetJob& job);
+void find_reflections(const ReflectionJob& job);
+void intersect_mirror(const IntersectionJob& job);
 
 // For rays first to first + count.
 struct ReflectionKernel {
-    void (*find)(const SeenJob& job, long first, int count);
-    void (*meet)(const MetJob& job, long first, int count);
+    void (*find)(const ReflectionJob& job, long first, int count);
+    void (*intersect)(const IntersectionJob& job, long first, int count);
 };
 extern const ReflectionKernel plain_reflections;
 #if defined(OMNIMIRROR_AVX2)

@@ -28,10 +28,10 @@ struct Cubic {
     ptrdiff_t row_step;
     uint32_t last;  // the last offset at which the lowest row's 16 bytes are readable
     Writer<C> writer;
-    __m256i order = kept(pairs_of_taps<C>());
-    __m256i spread = kept(_mm256_setr_epi8(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5,
-                                           6, 7, 4, 5, 6, 7));
-    __m256i round = kept(_mm256_set1_epi32(1 << 19));
+    __m256i order = in_register(pairs_of_taps<C>());
+    __m256i spread = in_register(_mm256_setr_epi8(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 4, 5, 6, 7, 4, 5, 6,
+                                                  7, 4, 5, 6, 7, 4, 5, 6, 7));
+    __m256i round = in_register(_mm256_set1_epi32(1 << 19));
 
     explicit Cubic(const Source& s)
         : data(s.data),
@@ -39,7 +39,7 @@ struct Cubic {
           last(static_cast<uint32_t>(s.elements - 2 * row_step + C - 16)) {}
 
     __m256i weighted(const uint8_t* row, uint32_t magnitude) const {
-        const __m256i values = _mm256_shuffle_epi8(twice(load16(row)), order);
+        const __m256i values = _mm256_shuffle_epi8(duplicate_lane(load16(row)), order);
         return _mm256_mulhi_epu16(values, _mm256_set1_epi32(static_cast<int>(magnitude)));
     }
 
@@ -89,7 +89,7 @@ struct Cubic<1> {
                                              load4(first + 3 * row_step));
         const __m256i values = _mm256_slli_epi16(_mm256_cvtepu8_epi16(bytes), 8);  // rows 0, 1 and rows 2, 3
         const __m256i rows = _mm256_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3);
-        const __m256i wy = _mm256_permutevar8x32_epi32(twice(load16(CUBIC.magnitudes[fy])), rows);
+        const __m256i wy = _mm256_permutevar8x32_epi32(duplicate_lane(load16(CUBIC.magnitudes[fy])), rows);
         const __m256i weighted = _mm256_mulhi_epu16(values, wy);
         const __m128i low = _mm256_castsi256_si128(weighted), high = _mm256_extracti128_si256(weighted, 1);
         // rows 1 - 0 and 2 - 3
@@ -138,10 +138,10 @@ struct Cubic<2> {
         const uint32_t* wy = CUBIC.magnitudes[fy];
         const __m128i minus = _mm_add_epi16(weighted(first, wy[0]), weighted(first + 3 * row_step, wy[3]));
         const __m128i plus = _mm_add_epi16(weighted(first + row_step, wy[1]), weighted(first + 2 * row_step, wy[2]));
-        const __m128i apart = _mm_setr_epi8(0, 1, 4, 5, 8, 9, 12, 13, 2, 3, 6, 7, 10, 11, 14, 15);
+        const __m128i channel_order = _mm_setr_epi8(0, 1, 4, 5, 8, 9, 12, 13, 2, 3, 6, 7, 10, 11, 14, 15);
         int64_t wx;
         std::memcpy(&wx, CUBIC.weights[fx], 8);
-        return _mm_madd_epi16(_mm_shuffle_epi8(_mm_sub_epi16(plus, minus), apart), _mm_set1_epi64x(wx));
+        return _mm_madd_epi16(_mm_shuffle_epi8(_mm_sub_epi16(plus, minus), channel_order), _mm_set1_epi64x(wx));
     }
 
     __m128i sum_2(const Block<uint8_t>& b, int i) const {

@@ -17,7 +17,7 @@ template <int C>
 __m256i pairs_of_channels() {
     const __m128i pairs = C == 3 ? _mm_setr_epi8(0, 3, 1, 4, 2, 5, 2, 5, 8, 11, 9, 12, 10, 13, 10, 13)
                                  : _mm_setr_epi8(0, 4, 1, 5, 2, 6, 3, 7, 8, 12, 9, 13, 10, 14, 11, 15);
-    return twice(pairs);
+    return duplicate_lane(pairs);
 }
 
 // Bytes of pixels first, first + 1, first + 4 and first + 5 of the 8 in each half, each repeated 4 times.
@@ -39,14 +39,14 @@ __m256i load_fractions(const uint8_t* p) {
 // Store 8 pixels of 4 bytes, the first C of which are written.
 template <int C>
 struct Writer {
-    __m256i order = kept(twice(_mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1)));
-    __m256i together = kept(_mm256_setr_epi32(0, 1, 2, 4, 5, 6, 7, 7));
+    __m256i order = in_register(duplicate_lane(_mm_setr_epi8(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, -1, -1, -1, -1)));
+    __m256i pixel_order = in_register(_mm256_setr_epi32(0, 1, 2, 4, 5, 6, 7, 7));
 
     void write(__m256i pixels, uint8_t* out) const {
         if constexpr (C == 4) {
             _mm256_storeu_si256(reinterpret_cast<__m256i*>(out), pixels);
         } else {
-            const __m256i whole = _mm256_permutevar8x32_epi32(_mm256_shuffle_epi8(pixels, order), together);
+            const __m256i whole = _mm256_permutevar8x32_epi32(_mm256_shuffle_epi8(pixels, order), pixel_order);
             store16(out, _mm256_castsi256_si128(whole));
             _mm_storel_epi64(reinterpret_cast<__m128i*>(out + 16), _mm256_extracti128_si256(whole, 1));
         }
@@ -56,12 +56,12 @@ struct Writer {
 // The arithmetic of linear_pixel: 16 values minus 128, as words, from 32 bytes in each row: pairs of adjacent
 // neighbours.
 struct Bilinear {
-    __m256i sign = kept(_mm256_set1_epi8(-128)), complement = kept(_mm256_set1_epi16(0x00ff));
-    __m256i weight = kept(_mm256_set1_epi16(129 * 128)), one = kept(_mm256_set1_epi16(LINEAR_ONE));
-    __m256i round = kept(_mm256_set1_epi16(256));
+    __m256i sign = in_register(_mm256_set1_epi8(-128)), complement = in_register(_mm256_set1_epi16(0x00ff));
+    __m256i weight = in_register(_mm256_set1_epi16(129 * 128)), one = in_register(_mm256_set1_epi16(LINEAR_ONE));
+    __m256i round = in_register(_mm256_set1_epi16(256));
 
     // Fractions of x are in both bytes of a pair, those of y in the upper byte of a word.
-    __m256i mixed(__m256i fx, __m256i fy, __m256i upper_row, __m256i lower_row) const {
+    __m256i interpolate(__m256i fx, __m256i fy, __m256i upper_row, __m256i lower_row) const {
         const __m256i x = _mm256_xor_si256(fx, complement);
         const __m256i lower_weight = _mm256_mulhi_epu16(fy, weight), upper_weight = _mm256_sub_epi16(one, lower_weight);
         const __m256i upper = _mm256_maddubs_epi16(x, _mm256_xor_si256(upper_row, sign));
@@ -83,9 +83,10 @@ struct Linear {
     ptrdiff_t row_step;
     uint32_t last;  // the last offset at which 8 bytes of both rows are readable
     Writer<C> writer;
-    __m256i pairs = kept(pairs_of_channels<C>());
-    __m256i across_0 = kept(order_of_weights<0, false>()), across_2 = kept(order_of_weights<2, false>());
-    __m256i down_0 = kept(order_of_weights<0, true>()), down_2 = kept(order_of_weights<2, true>());
+    __m256i pairs = in_register(pairs_of_channels<C>());
+    __m256i x_order_0 = in_register(order_of_weights<0, false>()),
+            x_order_2 = in_register(order_of_weights<2, false>());
+    __m256i y_order_0 = in_register(order_of_weights<0, true>()), y_order_2 = in_register(order_of_weights<2, true>());
     Bilinear bilinear;
 
     explicit Linear(const Source& s)
@@ -97,14 +98,14 @@ struct Linear {
 
     // 4 pixels. Both halves contain the fractions of all 8.
     __m256i sample_4(const uint32_t* offsets, __m256i fx, __m256i fy, __m256i across, __m256i down) const {
-        return bilinear.mixed(_mm256_shuffle_epi8(fx, across), _mm256_shuffle_epi8(fy, down), values(data, offsets),
-                              values(data + row_step, offsets));
+        return bilinear.interpolate(_mm256_shuffle_epi8(fx, across), _mm256_shuffle_epi8(fy, down),
+                                    values(data, offsets), values(data + row_step, offsets));
     }
 
     void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
         const __m256i x = load_fractions(b.fx), y = load_fractions(b.fy);
-        const __m256i first = sample_4(b.offsets, x, y, across_0, down_0);
-        const __m256i second = sample_4(b.offsets + 2, x, y, across_2, down_2);
+        const __m256i first = sample_4(b.offsets, x, y, x_order_0, y_order_0);
+        const __m256i second = sample_4(b.offsets + 2, x, y, x_order_2, y_order_2);
         writer.write(bilinear.bytes(first, second), out);
     }
 };
@@ -159,11 +160,11 @@ struct Linear<2> {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;
-    __m256i pairs = kept(twice(_mm_setr_epi8(0, 2, 1, 3, 4, 6, 5, 7, 8, 10, 9, 11, 12, 14, 13, 15)));
-    __m256i across = kept(_mm256_setr_epi8(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4, 5, 5, 5, 5, 6, 6,
-                                           6, 6, 7, 7, 7, 7));
-    __m256i down = kept(_mm256_setr_epi8(-1, 0, -1, 0, -1, 1, -1, 1, -1, 2, -1, 2, -1, 3, -1, 3, -1, 4, -1, 4, -1, 5, -1,
-                                         5, -1, 6, -1, 6, -1, 7, -1, 7));
+    __m256i pairs = in_register(duplicate_lane(_mm_setr_epi8(0, 2, 1, 3, 4, 6, 5, 7, 8, 10, 9, 11, 12, 14, 13, 15)));
+    __m256i across = in_register(_mm256_setr_epi8(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 4, 4, 5, 5, 5,
+                                                  5, 6, 6, 6, 6, 7, 7, 7, 7));
+    __m256i down = in_register(_mm256_setr_epi8(-1, 0, -1, 0, -1, 1, -1, 1, -1, 2, -1, 2, -1, 3, -1, 3, -1, 4, -1, 4,
+                                                -1, 5, -1, 5, -1, 6, -1, 6, -1, 7, -1, 7));
     Bilinear bilinear;
 
     explicit Linear(const Source& s)
@@ -179,7 +180,7 @@ struct Linear<2> {
     void sample_8(const Block<uint8_t>& b, uint8_t* out) const {
         const __m256i x = _mm256_shuffle_epi8(load_fractions(b.fx), across);
         const __m256i y = _mm256_shuffle_epi8(load_fractions(b.fy), down);
-        const __m256i words = bilinear.mixed(x, y, values(data, b.offsets), values(data + row_step, b.offsets));
+        const __m256i words = bilinear.interpolate(x, y, values(data, b.offsets), values(data + row_step, b.offsets));
         store16(out, _mm256_castsi256_si128(_mm256_permute4x64_epi64(bilinear.bytes(words, words), 0x08)));
     }
 };

@@ -19,9 +19,9 @@ Axis along(const float* at, int size, int first_max) {
     const float last = static_cast<float>(size - 1), end = static_cast<float>(size - 0.5);
     const __m256 inside = _mm256_and_ps(_mm256_cmp_ps(x, _mm256_set1_ps(-0.5f), _CMP_GE_OQ),
                                         _mm256_cmp_ps(x, _mm256_set1_ps(end), _CMP_LE_OQ));
-    const __m256 kept = _mm256_min_ps(_mm256_max_ps(x, _mm256_setzero_ps()), _mm256_set1_ps(last));
-    const __m256i first = _mm256_min_epi32(_mm256_cvttps_epi32(kept), _mm256_set1_epi32(first_max));
-    return {first, _mm256_sub_ps(kept, _mm256_cvtepi32_ps(first)), _mm256_castps_si256(inside)};
+    const __m256 clamped = _mm256_min_ps(_mm256_max_ps(x, _mm256_setzero_ps()), _mm256_set1_ps(last));
+    const __m256i first = _mm256_min_epi32(_mm256_cvttps_epi32(clamped), _mm256_set1_epi32(first_max));
+    return {first, _mm256_sub_ps(clamped, _mm256_cvtepi32_ps(first)), _mm256_castps_si256(inside)};
 }
 
 struct HalfAxis {
@@ -33,9 +33,9 @@ HalfAxis along_half(const double* at, int size, int first_max) {
     const __m256d x = _mm256_loadu_pd(at);
     const __m256d inside = _mm256_and_pd(_mm256_cmp_pd(x, _mm256_set1_pd(-0.5), _CMP_GE_OQ),
                                          _mm256_cmp_pd(x, _mm256_set1_pd(size - 0.5), _CMP_LE_OQ));
-    const __m256d kept = _mm256_min_pd(_mm256_max_pd(x, _mm256_setzero_pd()), _mm256_set1_pd(size - 1));
-    const __m128i first = _mm_min_epi32(_mm256_cvttpd_epi32(kept), _mm_set1_epi32(first_max));
-    const __m128 fraction = _mm256_cvtpd_ps(_mm256_sub_pd(kept, _mm256_cvtepi32_pd(first)));
+    const __m256d clamped = _mm256_min_pd(_mm256_max_pd(x, _mm256_setzero_pd()), _mm256_set1_pd(size - 1));
+    const __m128i first = _mm_min_epi32(_mm256_cvttpd_epi32(clamped), _mm_set1_epi32(first_max));
+    const __m128 fraction = _mm256_cvtpd_ps(_mm256_sub_pd(clamped, _mm256_cvtepi32_pd(first)));
     const __m256i words = _mm256_castpd_si256(inside);
     const __m128i low = _mm256_castsi256_si128(words), high = _mm256_extracti128_si256(words, 1);
     return {first, _mm_packs_epi32(low, high), fraction};
@@ -50,8 +50,8 @@ Axis along(const double* at, int size, int first_max) {
 
 __m256i is_beyond(__m256i first, int inner, uint32_t span) {
     const __m256i from = _mm256_sub_epi32(first, _mm256_set1_epi32(inner)),
-                  most = _mm256_set1_epi32(static_cast<int>(span));
-    return _mm256_xor_si256(_mm256_cmpeq_epi32(_mm256_max_epu32(from, most), most), _mm256_set1_epi32(-1));
+                  maximum = _mm256_set1_epi32(static_cast<int>(span));
+    return _mm256_xor_si256(_mm256_cmpeq_epi32(_mm256_max_epu32(from, maximum), maximum), _mm256_set1_epi32(-1));
 }
 
 __m256i in_255ths(__m256 fraction) {
@@ -79,10 +79,10 @@ void locate_by_8(const Real* x, const Real* y, int count, const Geometry& geomet
         __m256i offset =
             _mm256_add_epi32(_mm256_mullo_epi32(down.first, row_step), _mm256_mullo_epi32(across.first, pixel_step));
         if constexpr (I == Interpolation::cubic) {
-            const __m256i beyond = _mm256_or_si256(is_beyond(across.first, g.x_inner, g.x_span),
+            const __m256i margin = _mm256_or_si256(is_beyond(across.first, g.x_inner, g.x_span),
                                                    is_beyond(down.first, g.y_inner, g.y_span));
             const __m256i edge = _mm256_set1_epi32(static_cast<int>(EDGE));
-            offset = _mm256_or_si256(offset, _mm256_and_si256(beyond, edge));
+            offset = _mm256_or_si256(offset, _mm256_and_si256(margin, edge));
         }
         offset = _mm256_or_si256(offset, _mm256_xor_si256(inside, all));
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(blocks[i / 8].offsets), offset);
@@ -95,21 +95,22 @@ bool is_narrow(const Geometry& g) { return g.width <= 0x7fff && g.height <= 0x7f
 // Same for inner coordinates and narrow images, 8 at a time and in units of 1/65536 pixel. The speed is limited by the
 // length of the dependency chain, which is therefore short.
 struct InnerLocator {
-    __m256i steps, half = kept(_mm256_set1_epi16(128));
-    __m256i apart = kept(twice(_mm_setr_epi8(1, 5, 9, 13, 3, 7, 11, 15, -1, -1, -1, -1, -1, -1, -1, -1)));
-    __m256i together = kept(_mm256_setr_epi32(0, 4, 1, 5, 0, 4, 1, 5));
+    __m256i steps, half = in_register(_mm256_set1_epi16(128));
+    __m256i channel_order =
+        in_register(duplicate_lane(_mm_setr_epi8(1, 5, 9, 13, 3, 7, 11, 15, -1, -1, -1, -1, -1, -1, -1, -1)));
+    __m256i pixel_order = in_register(_mm256_setr_epi32(0, 4, 1, 5, 0, 4, 1, 5));
 
     explicit InnerLocator(const Geometry& g)
-        : steps(kept(_mm256_set1_epi32(static_cast<int>(g.row_step << 16 | g.pixel_step)))) {}
+        : steps(in_register(_mm256_set1_epi32(static_cast<int>(g.row_step << 16 | g.pixel_step)))) {}
 
-    void put(__m256 x_fine, __m256 y_fine, Block<uint8_t>& block) const {
+    void store_block(__m256 x_fine, __m256 y_fine, Block<uint8_t>& block) const {
         const __m256i x = _mm256_cvtps_epi32(x_fine), y = _mm256_cvtps_epi32(y_fine);
         const __m256i pixels = _mm256_blend_epi16(_mm256_srli_epi32(x, 16), y, 0xaa);
         const __m256i fractions = _mm256_blend_epi16(x, _mm256_slli_epi32(y, 16), 0xaa);
         const __m256i in_255ths = _mm256_add_epi16(_mm256_sub_epi16(fractions, _mm256_srli_epi16(fractions, 8)), half);
-        const __m256i bytes = _mm256_shuffle_epi8(in_255ths, apart);
+        const __m256i bytes = _mm256_shuffle_epi8(in_255ths, channel_order);
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(block.offsets), _mm256_madd_epi16(pixels, steps));
-        store16(block.fx, _mm256_castsi256_si128(_mm256_permutevar8x32_epi32(bytes, together)));
+        store16(block.fx, _mm256_castsi256_si128(_mm256_permutevar8x32_epi32(bytes, pixel_order)));
     }
 };
 
@@ -137,12 +138,12 @@ void cell_row_by_8(const float* nodes, const float* weights, int step, float* ou
 }
 
 template <int step>
-void locate_narrow_cells(const float* weights, const RowOfCells& r, const Geometry& g, Block<uint8_t>* blocks) {
+void locate_narrow_cells(const float* weights, const CellRow& r, const Geometry& g, Block<uint8_t>* blocks) {
     const InnerLocator locator(g);
     for (int j = 0; j < r.count; ++j) {
         const FourNodes x(r.fine_x + j), y(r.fine_y + j);
         for (int i = 0; i < step; i += 8)
-            locator.put(x.between(weights + i, step), y.between(weights + i, step), *blocks++);
+            locator.store_block(x.between(weights + i, step), y.between(weights + i, step), *blocks++);
     }
 }
 
@@ -152,8 +153,8 @@ void locate_narrow_ring(const Polar& p, int row, int column, int count, const Ge
     const __m256 x = _mm256_set1_ps(p.x * FINE), y = _mm256_set1_ps(p.y * FINE);
     const float *cosines = p.cosines + column, *sines = p.sines + column;
     for (int i = 0; i < count; i += 8)
-        locator.put(_mm256_fmadd_ps(radius, _mm256_loadu_ps(cosines + i), x),
-                    _mm256_fmadd_ps(radius, _mm256_loadu_ps(sines + i), y), blocks[i / 8]);
+        locator.store_block(_mm256_fmadd_ps(radius, _mm256_loadu_ps(cosines + i), x),
+                            _mm256_fmadd_ps(radius, _mm256_loadu_ps(sines + i), y), blocks[i / 8]);
 }
 
 }  // namespace

@@ -14,31 +14,31 @@ namespace {
 
 // Mask of the pixels (of 8) that the fast kernel must not process: outside, at an edge, or too near the end of the
 // memory.
-int unfit(const uint32_t* offsets, __m256i last) {
+int unsafe_mask(const uint32_t* offsets, __m256i last) {
     const __m256i o = load32(offsets);
-    const __m256i fit = _mm256_cmpeq_epi32(_mm256_max_epu32(o, last), last);
-    return _mm256_movemask_ps(_mm256_castsi256_ps(fit)) ^ 0xff;
+    const __m256i safe = _mm256_cmpeq_epi32(_mm256_max_epu32(o, last), last);
+    return _mm256_movemask_ps(_mm256_castsi256_ps(safe)) ^ 0xff;
 }
 
 // 8 pixels, some of them unfit or beyond count. A separate function, so that it takes no registers from the fast path.
 template <class Kernel, Interpolation I, int C>
-[[gnu::noinline]] void sample_mixed(const Job& job, const Kernel& kernel, const Block<uint8_t>& b, int unfit_bits,
+[[gnu::noinline]] void sample_mixed(const Job& job, const Kernel& kernel, const Block<uint8_t>& b, int unsafe_bits,
                                     int count, uint8_t* out) {
     uint8_t pixels[8 * C];
-    if (unfit_bits != 0xff) {
-        Block<uint8_t> fit = b;
-        const uint32_t other = b.offsets[__builtin_ctz(~unfit_bits)];
+    if (unsafe_bits != 0xff) {
+        Block<uint8_t> safe = b;
+        const uint32_t other = b.offsets[__builtin_ctz(~unsafe_bits)];
         for (int i = 0; i < 8; ++i)
-            if (unfit_bits >> i & 1) fit.offsets[i] = other;
-        kernel.sample_8(fit, pixels);
+            if (unsafe_bits >> i & 1) safe.offsets[i] = other;
+        kernel.sample_8(safe, pixels);
     }
     for (int i = 0; i < count; ++i)
-        if (unfit_bits >> i & 1) sample_pixel<I, C>(job, b.offsets[i], b.fx[i], b.fy[i], pixels + i * C);
+        if (unsafe_bits >> i & 1) sample_pixel<I, C>(job, b.offsets[i], b.fx[i], b.fy[i], pixels + i * C);
     std::memcpy(out, pixels, static_cast<size_t>(count * C));
 }
 
 // Prefetch every second pixel of the upper row: more prefetches cost more time than they save.
-void fetch_ahead(const uint8_t* data, const uint32_t* offsets) {
+void prefetch_source(const uint8_t* data, const uint32_t* offsets) {
     for (int i = 0; i < 8; i += 2)
         _mm_prefetch(reinterpret_cast<const char*>(data) + (offsets[i] & ~EDGE), _MM_HINT_T0);
 }
@@ -49,13 +49,13 @@ void sample_by_8(const Job& job, const Strip<uint8_t>& s) {
     const __m256i last = _mm256_set1_epi32(static_cast<int>(kernel.last));
     for (int i = 0; i < s.count; i += 8) {
         const Block<uint8_t>& block = s.blocks[i / 8];
-        const int bits = unfit(block.offsets, last), left = s.count - i;
+        const int bits = unsafe_mask(block.offsets, last), left = s.count - i;
         _mm_prefetch(reinterpret_cast<const char*>(&block) + 2048, _MM_HINT_T0);  // a packed map continues there
-        if (s.ahead) fetch_ahead(kernel.data, s.ahead[i / 8].offsets);
+        if (s.prefetched) prefetch_source(kernel.data, s.prefetched[i / 8].offsets);
         if (__builtin_expect(!bits && left >= 8, 1))
             kernel.sample_8(block, s.out + i * C);
         else
-            sample_mixed<Kernel, I, C>(job, kernel, block, bits, smaller(left, 8), s.out + i * C);
+            sample_mixed<Kernel, I, C>(job, kernel, block, bits, min_of(left, 8), s.out + i * C);
     }
 }
 
@@ -102,7 +102,7 @@ struct Avx2 {
     }
 
     template <Interpolation I, class F>
-    static void locate_inner_cells(const Nodes& n, const RowOfCells& r, const Geometry& g, Block<F>* blocks) {
+    static void locate_inner_cells(const Lattice& n, const CellRow& r, const Geometry& g, Block<F>* blocks) {
         if constexpr (has_fractions_of_8<I, F>) {
             if (is_narrow(g) && r.step == 16) return locate_narrow_cells<16>(n.weights, r, g, blocks);
             if (is_narrow(g) && r.step == 8) return locate_narrow_cells<8>(n.weights, r, g, blocks);
@@ -138,7 +138,7 @@ struct Avx2Sums {
             const Cubic<C> kernel(source);
             const __m256i last = _mm256_set1_epi32(static_cast<int>(kernel.last));
             for (int i = 0; i < count; i += 8) {
-                if (unfit(blocks[i / 8].offsets, last)) {
+                if (unsafe_mask(blocks[i / 8].offsets, last)) {
                     add_8_taps<C, T>(source, blocks[i / 8], sums + i * CHANNELS_OF_SUMS<C>, inside + i);
                     continue;
                 }

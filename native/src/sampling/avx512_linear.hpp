@@ -10,9 +10,9 @@ namespace {
 // The arithmetic of linear_pixel: 32 values minus 128, as words, from 64 bytes in each row: pairs of adjacent
 // neighbours.
 struct WideBilinear {
-    __m512i sign = kept(_mm512_set1_epi8(-128)), complement = kept(_mm512_set1_epi16(0x00ff));
-    __m512i weight = kept(_mm512_set1_epi16(129 * 128)), one = kept(_mm512_set1_epi16(LINEAR_ONE));
-    __m512i round = kept(_mm512_set1_epi16(256));
+    __m512i sign = in_register(_mm512_set1_epi8(-128)), complement = in_register(_mm512_set1_epi16(0x00ff));
+    __m512i weight = in_register(_mm512_set1_epi16(129 * 128)), one = in_register(_mm512_set1_epi16(LINEAR_ONE));
+    __m512i round = in_register(_mm512_set1_epi16(256));
 
     // Fractions are in both bytes of a pair.
     __m512i across(__m512i fx, __m512i row) const {
@@ -22,7 +22,7 @@ struct WideBilinear {
     // Fractions are in the upper byte of a word.
     __m512i lower_weights(__m512i fy) const { return _mm512_mulhi_epu16(fy, weight); }
 
-    __m512i mixed(__m512i fx, __m512i fy, __m512i upper_row, __m512i lower_row) const {
+    __m512i interpolate(__m512i fx, __m512i fy, __m512i upper_row, __m512i lower_row) const {
         const __m512i lower_weight = lower_weights(fy), upper_weight = _mm512_sub_epi16(one, lower_weight);
         const __m512i upper = _mm512_mulhrs_epi16(across(fx, upper_row), upper_weight);
         const __m512i lower = _mm512_mulhrs_epi16(across(fx, lower_row), lower_weight);
@@ -62,7 +62,7 @@ struct WideLinear {
     const uint8_t* data;
     ptrdiff_t row_step;
     uint32_t last;  // the last offset at which 8 bytes of both rows are readable
-    __m512i pairs = kept(_mm512_broadcast_i32x4(_mm256_castsi256_si128(pairs_of_channels<C>())));
+    __m512i pairs = in_register(_mm512_broadcast_i32x4(_mm256_castsi256_si128(pairs_of_channels<C>())));
     __m512i x_places = bytes_of<[](int i) { return i / 8; }>();
     __m512i y_places = bytes_of<[](int i) { return i / 8 + 8; }>();
     // Two pixels of 4 bytes from the first block alternate with two from the second.
@@ -83,7 +83,7 @@ struct WideLinear {
         const __m512i fractions = _mm512_castsi128_si512(load16(b.fx));
         const __m512i x = _mm512_permutexvar_epi8(x_places, fractions);
         const __m512i y = _mm512_maskz_permutexvar_epi8(ODD_BYTES, y_places, fractions);
-        return bilinear.mixed(x, y, values(data, b.offsets), values(data + row_step, b.offsets));
+        return bilinear.interpolate(x, y, values(data, b.offsets), values(data + row_step, b.offsets));
     }
 
     void sample_16(const Block<uint8_t>* b, uint8_t* out) const {
@@ -120,7 +120,7 @@ struct WideLinear<Gathered, 2> {
         const __m512i offsets = offsets_of(b), fractions = fractions_of(b);
         const __m512i x = _mm512_permutexvar_epi8(x_places, fractions);
         const __m512i y = _mm512_maskz_permutexvar_epi8(ODD_BYTES, y_places, fractions);
-        const __m512i words = bilinear.mixed(x, y, values(data, offsets), values(data + row_step, offsets));
+        const __m512i words = bilinear.interpolate(x, y, values(data, offsets), values(data + row_step, offsets));
         const __m256i bytes = _mm512_cvtsepi16_epi8(words);
         _mm256_storeu_si256(reinterpret_cast<__m256i*>(out),
                             _mm256_xor_si256(bytes, _mm512_castsi512_si256(bilinear.sign)));
@@ -135,7 +135,7 @@ struct WideLinear<Gathered, 1> {
     uint32_t last;
     __m512i x_places = bytes_of<[](int i) { return place_of_fraction(i / 4); }>();
     __m512i y_places = bytes_of<[](int i) { return place_of_fraction(i / 4) + 8; }>();
-    __m512i ones = kept(_mm512_set1_epi16(1)), half = kept(_mm512_set1_epi32(64));
+    __m512i ones = in_register(_mm512_set1_epi16(1)), half = in_register(_mm512_set1_epi32(64));
     WideBilinear bilinear;
 
     explicit WideLinear(const Source& s)

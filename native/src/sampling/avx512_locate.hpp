@@ -9,14 +9,14 @@ namespace {
 
 // Same computation as InnerLocator.
 struct WideLocator {
-    __m512i steps, half = kept(_mm512_set1_epi16(128));
+    __m512i steps, half = in_register(_mm512_set1_epi16(128));
     // Fractions are in the upper bytes of words, x before y; those of one block are contiguous.
     __m512i order = bytes_of<[](int i) { return i % 32 / 16 * 32 + i % 8 * 4 + i % 16 / 8 * 2 + 1; }>();
 
     explicit WideLocator(const Geometry& g)
-        : steps(kept(_mm512_set1_epi32(static_cast<int>(g.row_step << 16 | g.pixel_step)))) {}
+        : steps(in_register(_mm512_set1_epi32(static_cast<int>(g.row_step << 16 | g.pixel_step)))) {}
 
-    void put(__m512 x_fine, __m512 y_fine, Block<uint8_t>* b) const {
+    void store_block(__m512 x_fine, __m512 y_fine, Block<uint8_t>* b) const {
         const __m512i x = _mm512_cvtps_epi32(x_fine), y = _mm512_cvtps_epi32(y_fine);
         const __m512i pixels = _mm512_mask_blend_epi16(ODD_WORDS, _mm512_srli_epi32(x, 16), y);
         const __m512i fractions = _mm512_mask_blend_epi16(ODD_WORDS, x, _mm512_slli_epi32(y, 16));
@@ -44,11 +44,11 @@ struct WideWeights {
     }
 };
 
-void locate_wide_cells(const float* weights, const RowOfCells& r, const Geometry& g, Block<uint8_t>* blocks) {
+void locate_wide_cells(const float* weights, const CellRow& r, const Geometry& g, Block<uint8_t>* blocks) {
     const WideLocator locator(g);
     const WideWeights across(weights);
     for (int j = 0; j < r.count; ++j)
-        locator.put(across.between(r.fine_x + j), across.between(r.fine_y + j), blocks + 2 * j);
+        locator.store_block(across.between(r.fine_x + j), across.between(r.fine_y + j), blocks + 2 * j);
 }
 
 // count is a multiple of 8; directions are readable beyond their end, but blocks are not writable there.
@@ -58,8 +58,8 @@ void locate_wide_ring(const Polar& p, int row, int column, int count, const Geom
     const __m512 x = _mm512_set1_ps(p.x * FINE), y = _mm512_set1_ps(p.y * FINE);
     const float *cosines = p.cosines + column, *sines = p.sines + column;
     for (int i = 0; i + 8 < count; i += 16)
-        locator.put(_mm512_fmadd_ps(radius, _mm512_loadu_ps(cosines + i), x),
-                    _mm512_fmadd_ps(radius, _mm512_loadu_ps(sines + i), y), blocks + i / 8);
+        locator.store_block(_mm512_fmadd_ps(radius, _mm512_loadu_ps(cosines + i), x),
+                            _mm512_fmadd_ps(radius, _mm512_loadu_ps(sines + i), y), blocks + i / 8);
     if (count % 16) locate_narrow_ring(p, row, column + count - 8, 8, g, blocks + count / 8 - 1);
 }
 

@@ -9,7 +9,7 @@
 namespace omnimirror {
 namespace {
 
-constexpr int64_t AT_A_TIME = 512;
+constexpr int64_t TARGETS_PER_TASK = 512;
 
 struct Work {
     const Axial& camera;
@@ -17,10 +17,10 @@ struct Work {
     const Kernels& kernels;
 };
 
-void project_some(void* context, int index) {
+void project_task(void* context, int index) {
     const Work& work = *static_cast<const Work*>(context);
-    const int64_t first = index * AT_A_TIME;
-    work.kernels.project(work.camera, work.targets, first, std::min(first + AT_A_TIME, work.targets.count));
+    const int64_t first = index * TARGETS_PER_TASK;
+    work.kernels.project(work.camera, work.targets, first, std::min(first + TARGETS_PER_TASK, work.targets.count));
 }
 
 }  // namespace
@@ -37,7 +37,7 @@ AxialCamera::AxialCamera(const Axial& camera, std::vector<double> radii, std::ve
 
 void AxialCamera::project(const Targets& targets) const {
     Work work{camera_, targets, kernels()};
-    parallel_for(static_cast<int>((targets.count + AT_A_TIME - 1) / AT_A_TIME), &project_some, &work);
+    parallel_for(static_cast<int>((targets.count + TARGETS_PER_TASK - 1) / TARGETS_PER_TASK), &project_task, &work);
 }
 
 }  // namespace omnimirror

@@ -13,10 +13,12 @@ namespace omnimirror {
 namespace {
 
 constexpr int LANES = 8;
-constexpr double SLACK = 1e-9;   // radians; the rim itself is visible
-constexpr double CLOSE = 1e-7;   // of sin(Omega/2): the error after a Newton step of this size is about its square
-constexpr double GAP = 0.1;      // less than any jump of the sine between two directions that differ by 360 degrees
-constexpr int MOST_STEPS = 100;  // bisection alone requires 25
+constexpr double ANGLE_TOLERANCE_RAD = 1e-9;  // radians; the rim itself is visible
+constexpr double CONVERGENCE_TOLERANCE =
+    1e-7;  // of sin(Omega/2): the error after a Newton step of this size is about its square
+constexpr double MAX_ROOT_RESIDUAL =
+    0.1;                        // less than any jump of the sine between two directions that differ by 360 degrees
+constexpr int MAX_STEPS = 100;  // bisection alone requires 25
 
 using Lane = double[LANES];
 
@@ -27,10 +29,10 @@ void half_angles(const Lane& across, const Lane& along, Lane& sine, Lane& cosine
         const double length = std::sqrt(across[i] * across[i] + along[i] * along[i]);
         const double more = std::sqrt((length + std::fabs(along[i])) / (2 * length));
         const double less = std::fabs(across[i]) / (2 * length * more);
-        const bool ahead = along[i] > 0;
-        const double s = ahead ? less : more, behind = ahead ? -less : 2 - more;
+        const bool is_ahead = along[i] > 0;
+        const double s = is_ahead ? less : more, behind = is_ahead ? -less : 2 - more;
         sine[i] = across[i] < 0 ? behind : s;
-        cosine[i] = ahead ? more : less;
+        cosine[i] = is_ahead ? more : less;
     }
 }
 
@@ -53,7 +55,7 @@ void find_cells(const Lane& q, double first, double per, int last, Cell& cell) {
 // Project points (across >= 0, along): solve q = sin(phi(q)/2) with Newton's method and a shrinking bracket, where phi
 // is the direction from the origin of the ray of q to the point. The left side minus the right side increases at every
 // root, so the root is unique. Without a root, the result lies beyond the ends or is NaN.
-void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& sought) {
+void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& solution) {
     const double reach = a.last - a.first;
     Lane q, low, high, sine, cosine, from_viewpoint;
     for (int i = 0; i < LANES; ++i) from_viewpoint[i] = along[i] - a.viewpoint;
@@ -63,7 +65,7 @@ void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& s
         q[i] = q[i] < a.last ? q[i] : a.last;
         low[i] = a.first - reach, high[i] = a.last + reach;  // so that the first step too far ends at the end
     }
-    for (int step = 0; step < MOST_STEPS; ++step) {
+    for (int step = 0; step < MAX_STEPS; ++step) {
         Cell cell;
         find_cells(q, a.first, a.origins_per, a.origins_last, cell);
         Lane dx, dz, x_rate, z_rate;
@@ -74,7 +76,7 @@ void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& s
             dz[i] = along[i] - (origin[1] + cell.fraction[i] * z_rate[i]);
         }
         half_angles(dx, dz, sine, cosine);
-        int is_moving = 0;
+        int is_active = 0;
         for (int i = 0; i < LANES; ++i) {
             const double turn = (dx[i] * z_rate[i] - dz[i] * x_rate[i]) / (dx[i] * dx[i] + dz[i] * dz[i]);
             const double miss = q[i] - sine[i], rate = 1 - 0.5 * cosine[i] * turn * a.origins_per;
@@ -85,20 +87,20 @@ void solve_points(const Axial& a, const Lane& across, const Lane& along, Lane& s
             double next = is_inside ? newton : 0.5 * (low[i] + high[i]);
             next = next > a.first ? next : a.first;
             next = next < a.last ? next : a.last;
-            is_moving |= std::fabs(next - q[i]) > CLOSE ? -1 : 0;
+            is_active |= std::fabs(next - q[i]) > CONVERGENCE_TOLERANCE ? -1 : 0;
             // At an end of the bracket, the residual is the distance of the point beyond it. If bisection converges to
             // a jump, there is no root: the point is inside the mirror or in its shadow.
             const bool is_beyond = ((miss > 0) & (q[i] <= a.first)) | ((miss < 0) & (q[i] >= a.last));
-            const double met = std::fabs(miss) < GAP ? newton : NAN;
-            sought[i] = is_beyond ? q[i] - miss : met;
+            const double root = std::fabs(miss) < MAX_ROOT_RESIDUAL ? newton : NAN;
+            solution[i] = is_beyond ? q[i] - miss : root;
             q[i] = next;
         }
-        if (!is_moving) break;
+        if (!is_active) break;
     }
 }
 
-void put_pixels(const Axial& a, const Targets& t, int64_t first, int count, const Lane& q, const Lane& right,
-                const Lane& down, const Lane& across) {
+void store_pixels(const Axial& a, const Targets& t, int64_t first, int count, const Lane& q, const Lane& right,
+                  const Lane& down, const Lane& across) {
     Cell cell;
     find_cells(q, a.first, a.radii_per, a.radii_last, cell);
     Lane radius, u, v, excess;
@@ -106,20 +108,20 @@ void put_pixels(const Axial& a, const Targets& t, int64_t first, int count, cons
         const double* r = a.radii + cell.index[i];
         radius[i] = r[0] + cell.fraction[i] * (r[1] - r[0]);
     }
-    const double from = a.first - SLACK, to = a.last + SLACK;
-    const double least = a.radii[0], most = a.radii[a.radii_last + 1];
+    const double from = a.first - ANGLE_TOLERANCE_RAD, to = a.last + ANGLE_TOLERANCE_RAD;
+    const double minimum = a.radii[0], maximum = a.radii[a.radii_last + 1];
     for (int i = 0; i < LANES; ++i) {
         const bool off_axis = across[i] > 0;  // on the axis, any azimuth is valid
         const double r = radius[i] > 0 ? radius[i] : 0, scale = r / (off_axis ? across[i] : 1);
         u[i] = a.x + (off_axis ? scale * right[i] : r);
         v[i] = a.y + (off_axis ? scale * down[i] : 0);
-        const double beyond_u = larger(-u[i], u[i] - a.x_last) - EDGE_PX;
-        const double beyond_v = larger(-v[i], v[i] - a.y_last) - EDGE_PX;
-        const double beyond = larger(beyond_u, beyond_v);
-        const bool seen = (q[i] >= from) & (q[i] <= to) & (beyond <= 0);
-        excess[i] = seen ? 0 : larger(larger(radius[i] - most, least - radius[i]), beyond);
-        u[i] = seen ? u[i] : NAN;
-        v[i] = seen ? v[i] : NAN;
+        const double beyond_u = max_of(-u[i], u[i] - a.x_last) - EDGE_PX;
+        const double beyond_v = max_of(-v[i], v[i] - a.y_last) - EDGE_PX;
+        const double margin = max_of(beyond_u, beyond_v);
+        const bool visible = (q[i] >= from) & (q[i] <= to) & (margin <= 0);
+        excess[i] = visible ? 0 : max_of(max_of(radius[i] - maximum, minimum - radius[i]), margin);
+        u[i] = visible ? u[i] : NAN;
+        v[i] = visible ? v[i] : NAN;
     }
     for (int i = 0; i < count; ++i) t.pixels[2 * (first + i)] = u[i], t.pixels[2 * (first + i) + 1] = v[i];
     if (!t.excess) return;
@@ -142,7 +144,7 @@ void project_targets(const Axial& camera, const Targets& t, int64_t first, int64
             solve_points(a, across, along, q);
         else
             half_angles(across, along, q, cosine);
-        put_pixels(a, t, at, count, q, right, down, across);
+        store_pixels(a, t, at, count, q, right, down, across);
     }
 }
 

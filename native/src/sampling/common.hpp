@@ -14,11 +14,11 @@ namespace omnimirror {
 namespace {
 
 template <class T>
-T smaller(T a, T b) {
+T min_of(T a, T b) {
     return b < a ? b : a;
 }
 template <class T>
-T larger(T a, T b) {
+T max_of(T a, T b) {
     return a < b ? b : a;
 }
 
@@ -39,8 +39,8 @@ constexpr int one = sizeof(F) == 1 ? 255 : 65535;
 
 // Images with more values are prefetched, because they do not fit into the private cache of a core beside the other
 // data. The cache shared by all cores is slow, and often evicted by other work before the next frame.
-constexpr int64_t FETCHED_FROM = 250'000;
-constexpr int AHEAD = 16;  // strips (about 8 rows of a panel) that are located before they are sampled
+constexpr int64_t MIN_PREFETCH_ELEMENTS = 250'000;
+constexpr int PREFETCH_STRIPS = 16;  // strips (about 8 rows of a panel) that are located before they are sampled
 
 constexpr int round_up8(int n) { return (n + 7) & ~7; }
 

@@ -16,7 +16,7 @@ namespace {
 
 constexpr int BLOCK_ROWS = 8;
 constexpr int HALO = 8;  // one column is needed on each side; 8 keep the rows aligned
-constexpr float NOWHERE = __builtin_nanf("");
+constexpr float UNDEFINED = __builtin_nanf("");
 
 template <class Real>
 void separate_as_floats(const uint8_t* pairs, int count, float* x, float* y) {
@@ -26,19 +26,19 @@ void separate_as_floats(const uint8_t* pairs, int count, float* x, float* y) {
 
 // Source coordinates of the output pixels of one row in columns [left, right).
 template <class Isa>
-void find_row(const Job& job, int row, int left, int right, float* x, float* y) {
-    if (job.where == Where::polar) {
+void row_coordinates(const Job& job, int row, int left, int right, float* x, float* y) {
+    if (job.map_type == MapType::polar) {
         const Polar& p = job.polar;
         for (int i = left; i < right; ++i)
             x[i - left] = p.x + p.radii[row] * p.cosines[i], y[i - left] = p.y + p.radii[row] * p.sines[i];
-    } else if (job.where == Where::nodes) {
-        const Nodes& n = job.nodes;
+    } else if (job.map_type == MapType::lattice) {
+        const Lattice& n = job.lattice;
         alignas(64) float xs[STRIP + 8], ys[STRIP + 8];
-        RowOfCells cells;
+        CellRow cells;
         for (int column = left >> n.log2_step << n.log2_step; column < right; column += STRIP) {
-            weigh_row(n, row, column, smaller(STRIP, right - column), cells);
-            node_coordinates<Isa>(n, cells, xs, ys);
-            const int first = larger(left - column, 0), last = smaller(STRIP, right - column);
+            interpolate_cell_row(n, row, column, min_of(STRIP, right - column), cells);
+            lattice_coordinates<Isa>(n, cells, xs, ys);
+            const int first = max_of(left - column, 0), last = min_of(STRIP, right - column);
             for (int i = first; i < last; ++i) x[column + i - left] = xs[i], y[column + i - left] = ys[i];
         }
     } else {
@@ -49,11 +49,11 @@ void find_row(const Job& job, int row, int left, int right, float* x, float* y) 
     }
 }
 
-void keep_inside(const Geometry& g, int count, float* __restrict x, float* __restrict y) {
+void mask_outside_image(const Geometry& g, int count, float* __restrict x, float* __restrict y) {
     const float right = static_cast<float>(g.width - 0.5), bottom = static_cast<float>(g.height - 0.5);
     for (int i = 0; i < count; ++i) {
         const bool inside = (x[i] >= -0.5f) & (x[i] <= right) & (y[i] >= -0.5f) & (y[i] <= bottom);
-        x[i] = inside ? x[i] : NOWHERE, y[i] = inside ? y[i] : NOWHERE;
+        x[i] = inside ? x[i] : UNDEFINED, y[i] = inside ? y[i] : UNDEFINED;
     }
 }
 
@@ -71,36 +71,36 @@ struct Neighbourhood {
     void find(const Job& job, const Tile& tile) {
         const int width = tile.right - tile.left, height = tile.bottom - tile.top;
         const bool begins = tile.left == 0, ends = tile.right == job.target.width;
-        const int first = larger(tile.left - (ends ? 2 : 1), 0);
-        const int last = smaller(tile.right + (begins ? 2 : 1), job.target.width);
-        const int top = larger(tile.top - 1, 0), bottom = smaller(tile.bottom + 1, job.target.height);
+        const int first = max_of(tile.left - (ends ? 2 : 1), 0);
+        const int last = min_of(tile.right + (begins ? 2 : 1), job.target.width);
+        const int top = max_of(tile.top - 1, 0), bottom = min_of(tile.bottom + 1, job.target.height);
         for (int row = top; row < bottom; ++row) {
             const int begin = place(row - tile.top, first - tile.left), end = place(row - tile.top, width);
-            find_row<Isa>(job, row, first, last, xs + begin, ys + begin);
-            keep_inside(job.source.geometry, last - first, xs + begin, ys + begin);
+            row_coordinates<Isa>(job, row, first, last, xs + begin, ys + begin);
+            mask_outside_image(job.source.geometry, last - first, xs + begin, ys + begin);
             for (float* values : {xs, ys}) {
-                if (begins) values[begin - 1] = curved(values + begin, 1, last - first);
-                if (ends) values[end] = curved(values + end - 1, -1, last - first);
+                if (begins) values[begin - 1] = extrapolated(values + begin, 1, last - first);
+                if (ends) values[end] = extrapolated(values + end - 1, -1, last - first);
             }
             const int padding = place(row - tile.top, round_up8(width));
             for (int i = end + 1; i <= padding; ++i) xs[i] = xs[end], ys[i] = ys[end];
         }
         const int step = bottom - top > 1 ? STRIDE : 0, count = round_up8(width) + 2;
-        if (top == tile.top) go_on(place(-1, -1), place(0, -1), step, count);
-        if (bottom == tile.bottom) go_on(place(height, -1), place(height - 1, -1), -step, count);
+        if (top == tile.top) advance(place(-1, -1), place(0, -1), step, count);
+        if (bottom == tile.bottom) advance(place(height, -1), place(height - 1, -1), -step, count);
     }
 
   private:
     // Extrapolate one value before the known ones, with a parabola through three of them if available, otherwise
     // linearly.
-    static float curved(const float* values, int step, int known) {
+    static float extrapolated(const float* values, int step, int known) {
         const float one = values[0], two = known > 1 ? values[step] : one;
-        const float bent = known > 2 ? 3 * (one - two) + values[2 * step] : NOWHERE;
+        const float bent = known > 2 ? 3 * (one - two) + values[2 * step] : UNDEFINED;
         return bent == bent ? bent : 2 * one - two;
     }
 
     // Extrapolate linearly from a row and the row one step behind it.
-    void go_on(int to, int from, int step_back, int count) {
+    void advance(int to, int from, int step_back, int count) {
         for (int i = 0; i < count; ++i) {
             xs[to + i] = 2 * xs[from + i] - xs[from + step_back + i];
             ys[to + i] = 2 * ys[from + i] - ys[from + step_back + i];
@@ -114,25 +114,25 @@ struct Sides {
 };
 
 // A neighbour many times farther away than the opposite one belongs to another view of a mosaic.
-constexpr float JUMP2 = 16, JUMP2_PX = 4;  // as in dewarp/sampling.py
+constexpr float JUMP_RATIO2 = 16, JUMP_EXCESS_PX2 = 4;  // as in dewarp/sampling.py
 
 bool is_missing(float square, float opposite) {
-    return (square != square) | (square > JUMP2 * opposite + JUMP2_PX);
+    return (square != square) | (square > JUMP_RATIO2 * opposite + JUMP_EXCESS_PX2);
 }
 
-float shortened(float square, float sharp2) {
+float sharpness_scale(float square, float sharp2) {
     const float ratio = sharp2 / square, squared = ratio * ratio;
     return square > sharp2 ? 1 - squared * squared : 0;
 }
 
 // A missing neighbour is replaced by the opposite one. Exception: if a coordinate is NaN and the field limits are
 // unknown, the field may end there, and the pixel is not averaged.
-void find_sides(const Neighbourhood& n, int place, int to_next, int count, const Footprints& f, Sides& sides) {
+void footprint_sides(const Neighbourhood& n, int place, int to_next, int count, const Footprints& f, Sides& sides) {
     const float *x = n.xs + place, *y = n.ys + place;
     const float *x0 = x - to_next, *y0 = y - to_next, *x1 = x + to_next, *y1 = y + to_next;
     float *__restrict left = sides.x[0], *__restrict up = sides.y[0];
     float *__restrict right = sides.x[1], *__restrict down = sides.y[1];
-    const bool is_known = f.most2 > 0;
+    const bool is_known = f.max2 > 0;
     const float sharp2 = f.sharp2;
     for (int i = 0; i < count; ++i) {
         const float dx0 = x0[i] - x[i], dy0 = y0[i] - y[i], square0 = dx0 * dx0 + dy0 * dy0;
@@ -140,12 +140,12 @@ void find_sides(const Neighbourhood& n, int place, int to_next, int count, const
         const bool missing0 = is_missing(square0, square1), missing1 = is_missing(square1, square0);
         const bool ends = (square0 != square0) | (square1 != square1);
         const bool none = (missing0 & missing1) | (ends & !is_known);
-        const float share0 = shortened(missing0 ? square1 : square0, sharp2);
-        const float share1 = shortened(missing1 ? square0 : square1, sharp2);
+        const float scale0 = sharpness_scale(missing0 ? square1 : square0, sharp2);
+        const float scale1 = sharpness_scale(missing1 ? square0 : square1, sharp2);
         const float to_left = missing0 ? -dx1 : dx0, to_right = missing1 ? -dx0 : dx1;
         const float upwards = missing0 ? -dy1 : dy0, downwards = missing1 ? -dy0 : dy1;
-        left[i] = none ? 0 : share0 * to_left, up[i] = none ? 0 : share0 * upwards;
-        right[i] = none ? 0 : share1 * to_right, down[i] = none ? 0 : share1 * downwards;
+        left[i] = none ? 0 : scale0 * to_left, up[i] = none ? 0 : scale0 * upwards;
+        right[i] = none ? 0 : scale1 * to_right, down[i] = none ? 0 : scale1 * downwards;
     }
 }
 
@@ -164,10 +164,10 @@ void move(const float* x, const float* y, const Sides* sides, float t, int count
 }
 
 // Set x to NaN outside the annular field of view.
-void keep_seen(const Footprints& f, int count, float* __restrict x, const float* __restrict y) {
+void mask_outside_annulus(const Footprints& f, int count, float* __restrict x, const float* __restrict y) {
     for (int i = 0; i < count; ++i) {
         const float dx = x[i] - f.x_centre, dy = y[i] - f.y_centre, square = dx * dx + dy * dy;
-        x[i] = (square >= f.least2) & (square <= f.most2) ? x[i] : NOWHERE;
+        x[i] = (square >= f.min2) & (square <= f.max2) ? x[i] : UNDEFINED;
     }
 }
 
@@ -176,8 +176,8 @@ float tap_at(int i, int count) { return (static_cast<float>(i) + 0.5f) / static_
 // Means of up to 8 pixels with some taps outside the image: the mean of the taps inside, or a plain sample of the pixel
 // if no tap is inside.
 template <int C, class T>
-void mean_of_some(const Job& job, const Sum<T>* sums, const uint16_t* inside, const Block<Fraction<T>>& middle,
-                  int count, T* out) {
+void partial_means(const Job& job, const Sum<T>* sums, const uint16_t* inside, const Block<Fraction<T>>& middle,
+                   int count, T* out) {
     for (int i = 0; i < count; ++i) {
         if (inside[i] == 0)
             sample_pixel<Interpolation::cubic, C>(job, middle.offsets[i], middle.fx[i], middle.fy[i], out + i * C);
@@ -186,7 +186,7 @@ void mean_of_some(const Job& job, const Sum<T>* sums, const uint16_t* inside, co
     }
 }
 
-bool are_all(const uint16_t* values, int count, int wanted) {
+bool all_equal(const uint16_t* values, int count, int wanted) {
     int differing = 0;
     for (int i = 0; i < count; ++i) differing |= values[i] ^ wanted;
     return !differing;
@@ -199,9 +199,9 @@ void average_strip(const Job& job, const Neighbourhood& n, int place, int count,
     const Geometry& g = job.source.geometry;
     const int padded = round_up8(count);
     const Footprints& f = job.footprints;
-    Sides aside, upright;
-    if (across > 1) find_sides(n, place, 1, padded, f, aside);
-    if (down > 1) find_sides(n, place, Neighbourhood::STRIDE, padded, f, upright);
+    Sides horizontal, vertical;
+    if (across > 1) footprint_sides(n, place, 1, padded, f, horizontal);
+    if (down > 1) footprint_sides(n, place, Neighbourhood::STRIDE, padded, f, vertical);
     alignas(64) Sum<T> sums[STRIP * CHANNELS_OF_SUMS<C>];
     alignas(16) uint16_t inside[STRIP];
     std::memset(sums, 0, sizeof *sums * static_cast<size_t>(padded * CHANNELS_OF_SUMS<C>));
@@ -209,22 +209,23 @@ void average_strip(const Job& job, const Neighbourhood& n, int place, int count,
     alignas(64) float x_across[STRIP], y_across[STRIP], x[STRIP], y[STRIP];
     alignas(64) Block<F> blocks[STRIP / 8];
     for (int i = 0; i < across; ++i) {
-        move(n.xs + place, n.ys + place, across > 1 ? &aside : nullptr, tap_at(i, across), padded, x_across, y_across);
+        move(n.xs + place, n.ys + place, across > 1 ? &horizontal : nullptr, tap_at(i, across), padded, x_across,
+             y_across);
         for (int j = 0; j < down; ++j) {
-            move(x_across, y_across, down > 1 ? &upright : nullptr, tap_at(j, down), padded, x, y);
-            if (f.most2 > 0) keep_seen(f, padded, x, y);
+            move(x_across, y_across, down > 1 ? &vertical : nullptr, tap_at(j, down), padded, x, y);
+            if (f.max2 > 0) mask_outside_annulus(f, padded, x, y);
             Isa::template locate<Interpolation::cubic>(x, y, padded, g, blocks);
             Sums::template add_taps<C, T>(job.source, blocks, padded, sums, inside);
         }
     }
-    const bool is_whole = are_all(inside, count, across * down);
+    const bool is_whole = all_equal(inside, count, across * down);
     if (!is_whole) Isa::template locate<Interpolation::cubic>(n.xs + place, n.ys + place, padded, g, blocks);
     for (int i = 0; i < count; i += 8) {
         const Sum<T>* eight = sums + i * CHANNELS_OF_SUMS<C>;
-        if (count - i >= 8 && are_all(inside + i, 8, across * down))
+        if (count - i >= 8 && all_equal(inside + i, 8, across * down))
             Sums::template mean_of_8<C, T>(eight, across * down, out + i * C);
         else
-            mean_of_some<C, T>(job, eight, inside + i, blocks[i / 8], smaller(count - i, 8), out + i * C);
+            partial_means<C, T>(job, eight, inside + i, blocks[i / 8], min_of(count - i, 8), out + i * C);
     }
 }
 
@@ -232,10 +233,10 @@ template <class Isa, class Sums, int C, class T>
 void average_part(const Job& job, const Tile& part, int across, int down) {
     Neighbourhood n;
     n.find<Isa>(job, part);
-    for (Cursor at(part); !at.is_done(); at.go_on()) {
+    for (Cursor at(part); !at.is_done(); at.advance()) {
         const int place = Neighbourhood::place(at.row - part.top, at.column - part.left);
         average_strip<Isa, Sums, C, T>(job, n, place, at.width(), across, down,
-                                       reinterpret_cast<T*>(place_in_target<C, T>(job, at.row, at.column)));
+                                       reinterpret_cast<T*>(target_address<C, T>(job, at.row, at.column)));
     }
 }
 
@@ -244,13 +245,13 @@ template <class Isa, class Sums, int C, class T>
 void average_tile(const Job& job, const Tile& tile) {
     const Footprints& f = job.footprints;
     for (int top = tile.top; top < tile.bottom;) {
-        const int bottom = smaller(tile.bottom, smaller(top + BLOCK_ROWS, (top / f.step + 1) * f.step));
+        const int bottom = min_of(tile.bottom, min_of(top + BLOCK_ROWS, (top / f.step + 1) * f.step));
         const uint8_t* taps = f.taps + static_cast<ptrdiff_t>(top / f.step) * f.columns * 2;
         for (int left = tile.left; left < tile.right;) {
             int cell = left / f.step, right = left;
             const int across = taps[2 * cell], down = taps[2 * cell + 1];
             do {
-                right = smaller(++cell * f.step, tile.right);
+                right = min_of(++cell * f.step, tile.right);
             } while (right < tile.right && taps[2 * cell] == across && taps[2 * cell + 1] == down);
             const Tile part{top, bottom, left, right};
             if (across * down == 1)

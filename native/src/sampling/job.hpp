@@ -15,7 +15,7 @@ enum class Depth { u8 = 0, u16 = 1, f32 = 2 };
 // of a uint8 image) from the first pixel. Two special cases are encoded in the upper bit:
 constexpr uint32_t OUTSIDE = 0xffffffffu;  // outside the field: set to the border colour
 constexpr uint32_t EDGE = 0x80000000u;     // cubic taps beyond the image: slow path that replicates the edge
-constexpr int64_t LARGEST_OFFSET = 0x7fff0000;
+constexpr int64_t MAX_ELEMENT_OFFSET = 0x7fff0000;
 
 constexpr int STRIP = 64;   // output pixels processed at a time, in the L1 cache
 constexpr int PANEL = 128;  // output columns processed together, so that source pixels stay in a cache
@@ -29,7 +29,7 @@ struct Block {
 
 // Images narrower or lower than this are copied into a larger one with replicated edges, so that no kernel needs to
 // handle images smaller than its loads.
-constexpr int SMALLEST_SIDE = 16;
+constexpr int MIN_SIDE = 16;
 
 // Geometry of the source image: pixels are contiguous; rows are row_step elements apart.
 struct Geometry {
@@ -62,11 +62,11 @@ struct Coordinates {
     bool is_double;
 };
 
-constexpr int BEYOND = 16;  // readable but unused values after the end of some arrays
+constexpr int PADDING = 16;  // readable but unused values after the end of some arrays
 
 struct Polar {  // centre + radii[row] * (cosines, sines)[column]
     const float* radii;
-    const float *cosines, *sines;  // followed by BEYOND values
+    const float *cosines, *sines;  // followed by PADDING values
     float x, y;
     float reach;  // the largest absolute cosine or sine
 };
@@ -75,11 +75,11 @@ struct Polar {  // centre + radii[row] * (cosines, sines)[column]
 constexpr int32_t INTERPOLATED = -1;
 constexpr int32_t INNER = -2;  // interpolated, and far enough inside the image to need no checks
 
-struct Nodes {           // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
-    const float *x, *y;  // (rows, columns), followed by BEYOND values
+struct Lattice {         // coordinates at every step-th pixel, from (-step, -step) on, interpolated bicubically
+    const float *x, *y;  // (rows, columns), followed by PADDING values
     int rows, columns;
     int log2_step;
-    const float* weights;      // (4, step) along a row, followed by BEYOND values
+    const float* weights;      // (4, step) along a row, followed by PADDING values
     const float* row_weights;  // (4, step) down a column
     const int32_t* cells;  // (cell rows, cell columns), states
     const float* patches;  // (n, step, step, 2) coordinates of cells that must not be interpolated
@@ -93,17 +93,17 @@ struct Packed {
 };
 
 // Index of the block of a packed map that starts at a given row and column.
-inline ptrdiff_t place_in_panels(int rows, int columns, int row, int column) {
+inline ptrdiff_t panel_block_index(int rows, int columns, int row, int column) {
     const int start = column / PANEL * PANEL;
     const int width = (columns - start < PANEL ? columns - start : PANEL) + 7;
     return static_cast<ptrdiff_t>(start / 8) * rows + static_cast<ptrdiff_t>(width / 8) * row + (column - start) / 8;
 }
 
-enum class Where { coordinates, polar, nodes, packed };
+enum class MapType { coordinates, polar, lattice, packed };
 
 // Averages over footprints in the image: the number of taps across and down for each cell of step x step output pixels.
 // 1 x 1 is a plain sample.
-constexpr int MOST_TAPS = 128;  // per side
+constexpr int MAX_TAPS = 128;  // per side
 
 struct Footprints {
     const uint8_t* taps;  // (cell rows, cell columns, 2), or nullptr: no averaging
@@ -111,7 +111,7 @@ struct Footprints {
     // A footprint side of s px is scaled by 1 - (sharp / s)^8, or by 0 if s <= sharp; sharp2 is sharp^2.
     float sharp2;
     // The field of view is the annulus between two radii around a centre; unknown if most2 is 0.
-    float x_centre, y_centre, least2, most2;
+    float x_centre, y_centre, min2, max2;
 };
 
 struct Job {
@@ -119,10 +119,10 @@ struct Job {
     Target target;
     Interpolation interpolation;
     uint8_t border[16];  // one pixel, in the depth of the source
-    Where where;
+    MapType map_type;
     Coordinates coordinates;  // also set with a packed map if footprints are averaged
     Polar polar;
-    Nodes nodes;
+    Lattice lattice;
     Packed packed;
     Footprints footprints;
 };

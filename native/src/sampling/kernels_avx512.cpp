@@ -13,18 +13,20 @@ namespace {
 template <class Kernel, int C>
 void sample_by_16(const Job& job, const Strip<uint8_t>& s) {
     const Kernel kernel(job.source);
-    const __m512i last = kept(_mm512_set1_epi32(static_cast<int>(kernel.last)));
+    const __m512i last = in_register(_mm512_set1_epi32(static_cast<int>(kernel.last)));
     for (int i = 0; i < s.count; i += 16) {
         const Block<uint8_t>* blocks = s.blocks + i / 8;
-        const Block<uint8_t>* ahead = s.ahead ? s.ahead + i / 8 : nullptr;
+        const Block<uint8_t>* prefetched = s.prefetched ? s.prefetched + i / 8 : nullptr;
         const int left = s.count - i;
         _mm_prefetch(reinterpret_cast<const char*>(blocks) + 2048, _MM_HINT_T0);  // a packed map continues there
         _mm_prefetch(reinterpret_cast<const char*>(blocks) + 2048 + 64, _MM_HINT_T0);
         if (__builtin_expect(left < 16 || _mm512_cmpgt_epu32_mask(offsets_of(blocks), last), 0)) {
-            sample_by_8<Linear<C>, Interpolation::linear, C>(job, {blocks, smaller(left, 16), s.out + i * C, ahead});
+            sample_by_8<Linear<C>, Interpolation::linear, C>(job,
+                                                             {blocks, min_of(left, 16), s.out + i * C, prefetched});
             continue;
         }
-        if (ahead) fetch_ahead(kernel.data, ahead[0].offsets), fetch_ahead(kernel.data, ahead[1].offsets);
+        if (prefetched)
+            prefetch_source(kernel.data, prefetched[0].offsets), prefetch_source(kernel.data, prefetched[1].offsets);
         kernel.sample_16(blocks, s.out + i * C);
     }
 }
@@ -32,7 +34,7 @@ void sample_by_16(const Job& job, const Strip<uint8_t>& s) {
 template <class Fetch>
 struct Avx512 : Avx2 {
     template <Interpolation I, class F>
-    static void locate_inner_cells(const Nodes& n, const RowOfCells& r, const Geometry& g, Block<F>* blocks) {
+    static void locate_inner_cells(const Lattice& n, const CellRow& r, const Geometry& g, Block<F>* blocks) {
         if constexpr (has_fractions_of_8<I, F>) {
             if (is_narrow(g) && r.step == 16) return locate_wide_cells(n.weights, r, g, blocks);
         }

@@ -75,7 +75,7 @@ struct Cubic {
           last(static_cast<uint32_t>(s.elements - 2 * row_step + C - 16)) {}
 
     // Bytes of a row times a weight, without the lowest 8 bits, as 8 words from byte 0 or 8.
-    static uint16x8_t weigh(uint8x8_t bytes, uint32_t magnitude) {
+    static uint16x8_t weighted_bytes(uint8x8_t bytes, uint32_t magnitude) {
         const uint16x8_t values = vshll_n_u8(bytes, 8 - 1), doubled = vaddq_u16(values, values);
         const uint16_t weight = static_cast<uint16_t>(magnitude);
         const uint16x4_t low = vshrn_n_u32(vmull_n_u16(vget_low_u16(doubled), weight), 16);
@@ -89,7 +89,7 @@ struct Cubic {
     static Columns columns(const uint8_t* first, ptrdiff_t row_step, const uint32_t* wy) {
         int16x8_t halves[2];
         for (int h = 0; h < 2; ++h) {
-            const auto row = [&](int j) { return weigh(vld1_u8(first + j * row_step + 8 * h), wy[j]); };
+            const auto row = [&](int j) { return weighted_bytes(vld1_u8(first + j * row_step + 8 * h), wy[j]); };
             const uint16x8_t inner = vaddq_u16(row(1), row(2)), outer = vaddq_u16(row(0), row(3));
             halves[h] = vreinterpretq_s16_u16(vsubq_u16(inner, outer));
         }
@@ -133,10 +133,10 @@ void sample_by_kernel(const Job& job, const Strip<uint8_t>& s) {
     const uint32x4_t last = vdupq_n_u32(kernel.last);
     for (int i = 0; i < s.count; i += AT_ONCE) {
         const Block<uint8_t>& b = s.blocks[i / 8];
-        const int half = i % 8, count = smaller(AT_ONCE, s.count - i);
+        const int half = i % 8, count = min_of(AT_ONCE, s.count - i);
         const uint32_t* o = b.offsets + half;
-        const uint32x4_t most = vmaxq_u32(vld1q_u32(o), vld1q_u32(o + AT_ONCE - 4));
-        if (count == AT_ONCE && !vmaxvq_u32(vcgtq_u32(most, last))) {
+        const uint32x4_t maximum = vmaxq_u32(vld1q_u32(o), vld1q_u32(o + AT_ONCE - 4));
+        if (count == AT_ONCE && !vmaxvq_u32(vcgtq_u32(maximum, last))) {
             kernel.sample(o, b.fx + half, b.fy + half, s.out + i * C);
         } else {
             for (int k = 0; k < count; ++k)
@@ -171,8 +171,8 @@ struct NeonSums : PlainSums {
             const uint32x4_t last = vdupq_n_u32(kernel.last);
             for (int i = 0; i < count; i += 8) {
                 const Block<uint8_t>& b = blocks[i / 8];
-                const uint32x4_t most = vmaxq_u32(vld1q_u32(b.offsets), vld1q_u32(b.offsets + 4));
-                if (vmaxvq_u32(vcgtq_u32(most, last))) {
+                const uint32x4_t maximum = vmaxq_u32(vld1q_u32(b.offsets), vld1q_u32(b.offsets + 4));
+                if (vmaxvq_u32(vcgtq_u32(maximum, last))) {
                     add_8_taps<C, T>(source, b, sums + i * CHANNELS_OF_SUMS<C>, inside + i);
                     continue;
                 }

@@ -12,7 +12,7 @@ struct Strip {
     const Block<F>* blocks;
     int count;
     uint8_t* out;
-    const Block<F>* ahead;  // as many blocks, to be prefetched, or nullptr
+    const Block<F>* prefetched;  // as many blocks, to be prefetched, or nullptr
 };
 
 // Convert coordinates of 8 pixels to offsets and fractions. The loop has no branches, so that compilers vectorise it;
@@ -97,8 +97,8 @@ void polar_coordinates(const Polar& p, int row, int column, int count, float* __
 constexpr float FINE = 65536;  // subdivisions of a pixel in some kernels
 
 // Interpolate columns of nodes vertically, for one row of a strip; 8 at a time, so up to 7 extra values are written.
-void weigh_nodes(const float* __restrict nodes, ptrdiff_t columns, const float* weights, int step, int count,
-                 float* __restrict out, float* __restrict fine) {
+void interpolate_nodes(const float* __restrict nodes, ptrdiff_t columns, const float* weights, int step, int count,
+                       float* __restrict out, float* __restrict fine) {
     const float wa = weights[0], wb = weights[step], wc = weights[2 * step], wd = weights[3 * step];
     const float *a = nodes, *b = a + columns, *c = b + columns, *d = c + columns;
     for (int j = 0; j < count; j += 8)
@@ -124,7 +124,7 @@ void cell_row(const float* x_nodes, const float* y_nodes, const float* __restric
 
 // The cells of one row of a strip. column and STRIP are multiples of the step, so a strip consists of whole cells;
 // coordinates of the last cell beyond the image are computed too, but not used.
-struct RowOfCells {
+struct CellRow {
     int count, step, phase;
     bool is_inner;
     const int32_t* states;
@@ -132,11 +132,11 @@ struct RowOfCells {
     alignas(32) float fine_x[24], fine_y[24];
 };
 
-void weigh_row(const Nodes& n, int row, int column, int pixels, RowOfCells& r) {
+void interpolate_cell_row(const Lattice& n, int row, int column, int pixels, CellRow& r) {
     r.step = 1 << n.log2_step, r.phase = row & (r.step - 1), r.count = (pixels + r.step - 1) >> n.log2_step;
     const ptrdiff_t first = column >> n.log2_step, cell = row >> n.log2_step, at = cell * n.columns + first;
-    weigh_nodes(n.x + at, n.columns, n.row_weights + r.phase, r.step, r.count + 3, r.x, r.fine_x);
-    weigh_nodes(n.y + at, n.columns, n.row_weights + r.phase, r.step, r.count + 3, r.y, r.fine_y);
+    interpolate_nodes(n.x + at, n.columns, n.row_weights + r.phase, r.step, r.count + 3, r.x, r.fine_x);
+    interpolate_nodes(n.y + at, n.columns, n.row_weights + r.phase, r.step, r.count + 3, r.y, r.fine_y);
     r.states = n.cells + cell * n.cell_columns + first;
     r.is_inner = true;
     for (int j = 0; j < r.count; ++j) r.is_inner &= r.states[j] == INNER;
@@ -145,7 +145,7 @@ void weigh_row(const Nodes& n, int row, int column, int pixels, RowOfCells& r) {
 // x and y have room for half a vector beyond a strip: cells of 4 pixels are computed 8 at a time, and the next cell
 // overwrites the excess values.
 template <class Isa>
-void node_coordinates(const Nodes& n, const RowOfCells& r, float* x, float* y) {
+void lattice_coordinates(const Lattice& n, const CellRow& r, float* x, float* y) {
     for (int j = 0; j < r.count; ++j) {
         float *x_cell = x + j * r.step, *y_cell = y + j * r.step;
         if (r.states[j] < 0) {
@@ -160,10 +160,10 @@ void node_coordinates(const Nodes& n, const RowOfCells& r, float* x, float* y) {
 }
 
 template <class Isa, Interpolation I, class F>
-void locate_nodes(const Nodes& n, const Geometry& g, const RowOfCells& r, int count, Block<F>* blocks) {
+void locate_lattice(const Lattice& n, const Geometry& g, const CellRow& r, int count, Block<F>* blocks) {
     if (r.is_inner) return Isa::template locate_inner_cells<I>(n, r, g, blocks);
     alignas(64) float x[STRIP + 8], y[STRIP + 8];
-    node_coordinates<Isa>(n, r, x, y);
+    lattice_coordinates<Isa>(n, r, x, y);
     Isa::template locate<I>(x, y, round_up8(count), g, blocks);
 }
 
@@ -180,15 +180,15 @@ void locate_polar(const Polar& p, const Geometry& g, int row, int column, int co
 template <class F>
 Strip<F> packed_strip(const Job& job, int row, int column, int count, uint8_t* out) {
     const Packed& p = job.packed;
-    const Block<F>* first = static_cast<const Block<F>*>(p.blocks) + place_in_panels(p.rows, p.columns, row, column);
-    const bool more = row + AHEAD < p.rows && count == STRIP && job.source.elements > FETCHED_FROM;
-    return {first, count, out, more ? first + AHEAD * STRIP / 8 : nullptr};
+    const Block<F>* first = static_cast<const Block<F>*>(p.blocks) + panel_block_index(p.rows, p.columns, row, column);
+    const bool more = row + PREFETCH_STRIPS < p.rows && count == STRIP && job.source.elements > MIN_PREFETCH_ELEMENTS;
+    return {first, count, out, more ? first + PREFETCH_STRIPS * STRIP / 8 : nullptr};
 }
 
 template <class Isa, Interpolation I, class F>
 void locate_strip(const Job& job, int row, int column, int count, Block<F>* blocks) {
     const Geometry& g = job.source.geometry;
-    if (job.where == Where::polar)
+    if (job.map_type == MapType::polar)
         locate_polar<Isa, I>(job.polar, g, row, column, count, blocks);
     else if (job.coordinates.is_double)
         locate_pairs<Isa, I, double>(job.coordinates, row, column, count, g, blocks);

@@ -91,14 +91,15 @@ struct NarrowCubic {
     explicit NarrowCubic(const Source& s)
         : data(s.data), row_step(s.geometry.row_step), last(static_cast<uint32_t>(s.elements - 2 * row_step - 3 * C)) {}
 
-    static uint16x4_t weighed(uint16x4_t values, uint32_t magnitude) {
+    static uint16x4_t lattice_cursor(uint16x4_t values, uint32_t magnitude) {
         return vshrn_n_u32(vmull_n_u16(values, static_cast<uint16_t>(magnitude)), 8);
     }
 
     // Values of four rows in 4 columns.
     static int16x4_t down(const uint16x4_t* rows, const uint32_t* wy) {
-        const uint16x4_t inner = vadd_u16(weighed(rows[1], wy[1]), weighed(rows[2], wy[2]));
-        return vreinterpret_s16_u16(vsub_u16(inner, vadd_u16(weighed(rows[0], wy[0]), weighed(rows[3], wy[3]))));
+        const uint16x4_t inner = vadd_u16(lattice_cursor(rows[1], wy[1]), lattice_cursor(rows[2], wy[2]));
+        return vreinterpret_s16_u16(
+            vsub_u16(inner, vadd_u16(lattice_cursor(rows[0], wy[0]), lattice_cursor(rows[3], wy[3]))));
     }
 
     int32x4_t parts(uint32_t offset, uint8_t fx, uint8_t fy) const {

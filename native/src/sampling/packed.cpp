@@ -7,7 +7,7 @@
 namespace omnimirror {
 namespace {
 
-constexpr int ROWS_AT_A_TIME = 16;
+constexpr int ROWS_PER_TASK = 16;
 
 struct Work {
     const Packing& packing;
@@ -15,23 +15,23 @@ struct Work {
     int rows;
 };
 
-void pack_some_rows(void* context, int index) {
+void pack_task(void* context, int index) {
     const Work& work = *static_cast<const Work*>(context);
-    const int top = index * ROWS_AT_A_TIME;
-    work.kernels.pack(work.packing, top, std::min(top + ROWS_AT_A_TIME, work.rows));
+    const int top = index * ROWS_PER_TASK;
+    work.kernels.pack(work.packing, top, std::min(top + ROWS_PER_TASK, work.rows));
 }
 
-uint32_t moved(uint32_t offset, uint32_t from, uint32_t to) {
+uint32_t with_row_step(uint32_t offset, uint32_t from, uint32_t to) {
     if (offset == OUTSIDE) return offset;
     const uint32_t place = offset & ~EDGE;
     return (place / from * to + place % from) | (offset & EDGE);
 }
 
 template <class F>
-void move_all(PackedMap::Blocks& blocks, uint32_t from, uint32_t to) {
+void set_row_step(PackedMap::Blocks& blocks, uint32_t from, uint32_t to) {
     auto* first = reinterpret_cast<Block<F>*>(blocks.data());
     for (auto* block = first; block != first + blocks.size() / sizeof(Block<F>); ++block)
-        for (uint32_t& offset : block->offsets) offset = moved(offset, from, to);
+        for (uint32_t& offset : block->offsets) offset = with_row_step(offset, from, to);
 }
 
 }  // namespace
@@ -43,7 +43,7 @@ PackedMap::PackedMap(const Coordinates& coordinates, int rows, int columns, int 
       width_(width),
       height_(height),
       channels_(channels),
-      deep_(is_deep),
+      is_deep_(is_deep),
       interpolation_(interpolation) {
     const Geometry geometry = geometry_of(width, height, channels, int64_t{width} * channels, interpolation);
     own_row_step_ = geometry.row_step;
@@ -51,7 +51,7 @@ PackedMap::PackedMap(const Coordinates& coordinates, int rows, int columns, int 
     blocks_ = std::make_shared<Blocks>(entries * (is_deep ? sizeof(Block<uint16_t>) : sizeof(Block<uint8_t>)));
     const Packing packing{coordinates, geometry, interpolation, columns, is_deep, rows, blocks_->data()};
     Work work{packing, kernels(), rows};
-    parallel_for((rows + ROWS_AT_A_TIME - 1) / ROWS_AT_A_TIME, &pack_some_rows, &work);
+    parallel_for((rows + ROWS_PER_TASK - 1) / ROWS_PER_TASK, &pack_task, &work);
 }
 
 std::shared_ptr<const PackedMap::Blocks> PackedMap::blocks_for(uint32_t row_step) const {
@@ -59,10 +59,10 @@ std::shared_ptr<const PackedMap::Blocks> PackedMap::blocks_for(uint32_t row_step
     std::lock_guard lock(mutex_);
     if (row_step != other_row_step_) {
         auto other = std::make_shared<Blocks>(*blocks_);
-        if (deep_)
-            move_all<uint16_t>(*other, own_row_step_, row_step);
+        if (is_deep_)
+            set_row_step<uint16_t>(*other, own_row_step_, row_step);
         else
-            move_all<uint8_t>(*other, own_row_step_, row_step);
+            set_row_step<uint8_t>(*other, own_row_step_, row_step);
         other_blocks_ = other, other_row_step_ = row_step;
     }
     return other_blocks_;

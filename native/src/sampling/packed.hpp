@@ -21,7 +21,7 @@ class PackedMap {
     int width() const { return width_; }
     int height() const { return height_; }
     int channels() const { return channels_; }
-    bool deep() const { return deep_; }
+    bool is_deep() const { return is_deep_; }
     Interpolation interpolation() const { return interpolation_; }
     size_t bytes() const { return blocks_->size(); }
 
@@ -32,7 +32,7 @@ class PackedMap {
 
   private:
     int rows_, columns_, width_, height_, channels_;
-    bool deep_;
+    bool is_deep_;
     Interpolation interpolation_;
     uint32_t own_row_step_;
     std::shared_ptr<Blocks> blocks_;

@@ -53,9 +53,9 @@ constexpr uint8_t clamp8(int v) { return static_cast<uint8_t>(v < 0 ? 0 : v > 25
 template <class T>
 T round_to(float v) {
     if constexpr (sizeof(T) == 4) return v;
-    constexpr float most = sizeof(T) == 1 ? 255.0f : 65535.0f;
+    constexpr float maximum = sizeof(T) == 1 ? 255.0f : 65535.0f;
     v = v > 0 ? v : 0;
-    v = v < most ? v : most;
+    v = v < maximum ? v : maximum;
     return static_cast<T>(v + 0.5f);
 }
 template <>
@@ -131,9 +131,9 @@ void cubic_pixel(const Source& s, uint32_t offset, F fx, F fy, Take take) {
     for (int c = 0; c < C; ++c) {
         T taps[4][4];
         for (int j = 0; j < 4; ++j) {
-            const int y = smaller(larger(y0 - 1 + j, 0), g.y0_max + 1);
+            const int y = min_of(max_of(y0 - 1 + j, 0), g.y0_max + 1);
             const T* row = data + static_cast<ptrdiff_t>(y) * g.row_step + c;
-            for (int k = 0; k < 4; ++k) taps[j][k] = row[smaller(larger(x0 - 1 + k, 0), g.x0_max + 1) * C];
+            for (int k = 0; k < 4; ++k) taps[j][k] = row[min_of(max_of(x0 - 1 + k, 0), g.x0_max + 1) * C];
         }
         take(c, cubic_sum(taps, fx, fy));
     }

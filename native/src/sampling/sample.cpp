@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstring>
 #include <stdexcept>
+#include <string>
 
 #include "cpu.hpp"
 #include "pool.hpp"
@@ -11,10 +12,10 @@
 namespace omnimirror {
 namespace {
 
-std::atomic<const Kernels*> in_use{nullptr};
+std::atomic<const Kernels*> active_kernels{nullptr};
 
 // Copy of a small image, with its edge replicated to the right and below.
-std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
+std::vector<uint8_t> enlarged(const Image& p, int width, int height) {
     const size_t pixel = static_cast<size_t>(p.channels * size_of(p.depth));
     std::vector<uint8_t> copy(pixel * static_cast<size_t>(width) * static_cast<size_t>(height));
     for (int y = 0; y < height; ++y)
@@ -30,12 +31,12 @@ std::vector<uint8_t> enlarged(const Picture& p, int width, int height) {
 // Each thread processes a band of whole rows, because threads that write to the same cache line slow each other down.
 // Within a band it proceeds panel by panel; the first rows of a panel are not prefetched. Bands are therefore as high
 // as possible, but numerous enough to balance the load if some threads are delayed.
-constexpr int BAND_HEIGHT = 256, LOWEST_BAND = 4, BANDS_PER_THREAD = 4;
+constexpr int MAX_BAND_HEIGHT = 256, MIN_BAND_HEIGHT = 4, BANDS_PER_THREAD = 4;
 
 int band_height(int rows) {
     const int threads = get_threads();
     const int shared = threads > 1 ? rows / (threads * BANDS_PER_THREAD) : rows;
-    return std::clamp(shared, LOWEST_BAND, BAND_HEIGHT);
+    return std::clamp(shared, MIN_BAND_HEIGHT, MAX_BAND_HEIGHT);
 }
 
 struct Work {
@@ -56,44 +57,46 @@ void sample_band(void* context, int index) {
 }  // namespace
 
 const Kernels& kernels() {
-    const Kernels* chosen = in_use;
-    if (!chosen) in_use = chosen = best_kernels();
-    return *chosen;
+    const Kernels* selected = active_kernels;
+    if (!selected) active_kernels = selected = best_kernels();
+    return *selected;
 }
 
-bool use_kernels(const char* name) {
-    const Kernels* found = kernels_named(name);
-    if (found) in_use = found;
-    return found;
+bool select_kernels(const char* name) {
+    const Kernels* selected = kernels_named(name);
+    if (selected) active_kernels = selected;
+    return selected;
 }
 
-bool is_small(int width, int height) { return width < SMALLEST_SIDE || height < SMALLEST_SIDE; }
+bool is_small(int width, int height) { return width < MIN_SIDE || height < MIN_SIDE; }
 
 Geometry geometry_of(int width, int height, int channels, int64_t row_step, Interpolation interpolation) {
     int last_x = width - 1, last_y = height - 1;
     if (is_small(width, height)) {
-        last_x += SMALLEST_SIDE, last_y += SMALLEST_SIDE;
+        last_x += MIN_SIDE, last_y += MIN_SIDE;
         row_step = int64_t{last_x + 1} * channels;
     }
-    if (row_step * (last_y + 1) > LARGEST_OFFSET)
-        throw std::invalid_argument("the picture is too large: valid are 2^31 values, gaps between rows included");
+    const int64_t elements = row_step * (last_y + 1);
+    if (elements > MAX_ELEMENT_OFFSET)
+        throw std::invalid_argument("the image must have at most " + std::to_string(MAX_ELEMENT_OFFSET) +
+                                    " values, including gaps between rows; got " + std::to_string(elements));
     Geometry g{};
     g.width = width, g.height = height;
-    const int beyond = interpolation == Interpolation::nearest ? 0 : 1;
-    g.x0_max = last_x - beyond, g.y0_max = last_y - beyond;
+    const int margin = interpolation == Interpolation::nearest ? 0 : 1;
+    g.x0_max = last_x - margin, g.y0_max = last_y - margin;
     g.pixel_step = static_cast<uint32_t>(channels), g.row_step = static_cast<uint32_t>(row_step);
     g.x_inner = g.y_inner = 1;
     g.x_span = static_cast<uint32_t>(last_x - 3), g.y_span = static_cast<uint32_t>(last_y - 3);
     return g;
 }
 
-Sampled::Sampled(const Picture& p, Interpolation interpolation) {
+SourceImage::SourceImage(const Image& p, Interpolation interpolation) {
     source_.depth = p.depth, source_.channels = p.channels;
     source_.geometry = geometry_of(p.width, p.height, p.channels, p.stride / size_of(p.depth), interpolation);
     source_.data = p.data;
     source_.elements = int64_t{source_.geometry.row_step} * (p.height - 1) + int64_t{p.width} * p.channels;
     if (is_small(p.width, p.height)) {
-        copy_ = enlarged(p, p.width + SMALLEST_SIDE, p.height + SMALLEST_SIDE);
+        copy_ = enlarged(p, p.width + MIN_SIDE, p.height + MIN_SIDE);
         source_.data = copy_.data();
         source_.elements = static_cast<int64_t>(copy_.size()) / size_of(p.depth);
     }
@@ -104,8 +107,8 @@ namespace {
 // Mark cells that may reach within 2 pixels of a side of the image, or beyond it. Interpolation with weights whose sum
 // is 1 and whose absolute values sum to r exceeds the range of the nodes by at most (r - 1)/2 times this range; by 9/32
 // for Lagrange weights.
-void mark_outer(const float* nodes, const Nodes& n, int size, float beyond, std::vector<int32_t>& states) {
-    std::vector<float> least(static_cast<size_t>(n.columns)), most(least);
+void mark_outer(const float* nodes, const Lattice& n, int size, float margin, std::vector<int32_t>& states) {
+    std::vector<float> minimum(static_cast<size_t>(n.columns)), maximum(minimum);
     for (int row = 0; row + 3 < n.rows; ++row) {
         const float* first = nodes + static_cast<ptrdiff_t>(row) * n.columns;
         for (int i = 0; i < n.columns; ++i) {
@@ -114,15 +117,15 @@ void mark_outer(const float* nodes, const Nodes& n, int size, float beyond, std:
             const float c = node[2 * n.columns], d = node[3 * n.columns];
             // std::min would drop NaN: odd is 0 if all four values are finite, otherwise NaN.
             const float odd = (a - a) + (b - b) + (c - c) + (d - d);
-            least[static_cast<size_t>(i)] = std::min(std::min(a, b), std::min(c, d)) + odd;
-            most[static_cast<size_t>(i)] = std::max(std::max(a, b), std::max(c, d)) + odd;
+            minimum[static_cast<size_t>(i)] = std::min(std::min(a, b), std::min(c, d)) + odd;
+            maximum[static_cast<size_t>(i)] = std::max(std::max(a, b), std::max(c, d)) + odd;
         }
         for (int i = 0; i < n.cell_columns; ++i) {
-            const float *l = least.data() + i, *m = most.data() + i;
+            const float *l = minimum.data() + i, *m = maximum.data() + i;
             const float odd = (l[0] - l[0]) + (l[1] - l[1]) + (l[2] - l[2]) + (l[3] - l[3]);
             const float low = std::min(std::min(l[0], l[1]), std::min(l[2], l[3])) + odd;
             const float high = std::max(std::max(m[0], m[1]), std::max(m[2], m[3])) + odd;
-            const float more = beyond * (high - low);
+            const float more = margin * (high - low);
             int32_t& state = states[static_cast<size_t>(row) * static_cast<size_t>(n.cell_columns) + static_cast<size_t>(i)];
             const bool inner = low - more >= 2 && high + more <= static_cast<float>(size - 3);
             if (state == INNER && !inner) state = INTERPOLATED;
@@ -132,13 +135,13 @@ void mark_outer(const float* nodes, const Nodes& n, int size, float beyond, std:
 
 }  // namespace
 
-std::vector<int32_t> states_of(const Nodes& n, const Geometry& g, float reach) {
+std::vector<int32_t> states_of(const Lattice& n, const Geometry& g, float reach) {
     std::vector<int32_t> states(n.cells, n.cells + static_cast<ptrdiff_t>(n.rows - 3) * n.cell_columns);
     for (int32_t& state : states)
         if (state < 0) state = INNER;
-    const float beyond = std::max(0.3f, 0.51f * (reach - 1));  // slightly increased, for rounding
-    mark_outer(n.x, n, g.width, beyond, states);
-    mark_outer(n.y, n, g.height, beyond, states);
+    const float margin = std::max(0.3f, 0.51f * (reach - 1));  // slightly increased, for rounding
+    mark_outer(n.x, n, g.width, margin, states);
+    mark_outer(n.y, n, g.height, margin, states);
     return states;
 }
 

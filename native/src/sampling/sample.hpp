@@ -8,10 +8,10 @@
 namespace omnimirror {
 
 const Kernels& kernels();            // the selected kernels
-bool use_kernels(const char* name);  // false if kernels with this name are not available
+bool select_kernels(const char* name);  // false if kernels with this name are not available
 
 // The caller's image: pixels are contiguous; rows are stride bytes apart.
-struct Picture {
+struct Image {
     const uint8_t* data;
     int width, height, channels;
     ptrdiff_t stride;
@@ -19,9 +19,9 @@ struct Picture {
 };
 
 // The sampled image, or an edge-replicated copy if it is small.
-class Sampled {
+class SourceImage {
   public:
-    Sampled(const Picture& picture, Interpolation interpolation);
+    SourceImage(const Image& image, Interpolation interpolation);
     const Source& source() const { return source_; }
 
   private:
@@ -36,7 +36,7 @@ bool is_small(int width, int height);
 
 // Return the states of cells, with inner cells marked. The weights of a pixel sum to 1, and their absolute values to at
 // most `reach`.
-std::vector<int32_t> states_of(const Nodes& nodes, const Geometry& geometry, float reach);
+std::vector<int32_t> states_of(const Lattice& nodes, const Geometry& geometry, float reach);
 
 // Fill the target. Throws std::invalid_argument if the image has too many elements for 31-bit offsets.
 void sample(const Job& job);

@@ -14,9 +14,9 @@ struct Plain {
     }
 
     template <Interpolation I, class F>
-    static void locate_inner_cells(const Nodes& n, const RowOfCells& r, const Geometry& g, Block<F>* blocks) {
+    static void locate_inner_cells(const Lattice& n, const CellRow& r, const Geometry& g, Block<F>* blocks) {
         alignas(64) float x[STRIP + 8], y[STRIP + 8];
-        node_coordinates<Plain>(n, r, x, y);
+        lattice_coordinates<Plain>(n, r, x, y);
         omnimirror::locate<I>(x, y, round_up8(r.count * r.step), g, blocks);
     }
 
@@ -45,7 +45,7 @@ struct Plain {
 // -- tiles -----------------------------------------------------------------------------------------
 
 // Panels are too narrow for the hardware to prefetch the destination of the next row.
-void fetch_to_write(uint8_t* out, int bytes) {
+void prefetch_target(uint8_t* out, int bytes) {
 #if defined(__GNUC__)
     for (int i = 0; i < bytes; i += 64) __builtin_prefetch(out + i, 1);
 #else
@@ -60,9 +60,9 @@ struct Cursor {
 
     explicit Cursor(const Tile& t) : tile(t), row(t.top), column(t.left) {}
     bool is_done() const { return row >= tile.bottom; }
-    int width() const { return smaller(STRIP, tile.right - column); }
+    int width() const { return min_of(STRIP, tile.right - column); }
 
-    void go_on() {
+    void advance() {
         ++index, column += STRIP;
         if (column >= tile.right) column = tile.left, ++row;
     }
@@ -71,49 +71,50 @@ struct Cursor {
 // Locates the strips of a tile in sequence.
 template <class Isa, Interpolation I, class F>
 struct Locator {
-    static constexpr int SLOTS = AHEAD + 1;
+    static constexpr int SLOTS = PREFETCH_STRIPS + 1;
 
     const Job& job;
-    Cursor at, weighed;  // nodes are interpolated one strip ahead, to hide the latency
-    RowOfCells cells[2];
+    Cursor at, lattice_cursor;  // nodes are interpolated one strip ahead, to hide the latency
+    CellRow cells[2];
     alignas(64) Block<F> blocks[SLOTS][STRIP / 8];
 
-    Locator(const Job& j, const Tile& tile) : job(j), at(tile), weighed(tile) {
+    Locator(const Job& j, const Tile& tile) : job(j), at(tile), lattice_cursor(tile) {
         if constexpr (I == Interpolation::nearest) std::memset(blocks, 0, sizeof blocks);  // nearest has no fractions
-        weigh();
+        interpolate_next();
     }
 
     Block<F>* of(int index) { return blocks[index % SLOTS]; }
 
-    void weigh() {
-        if (job.where != Where::nodes || weighed.is_done()) return;
-        weigh_row(job.nodes, weighed.row, weighed.column, weighed.width(), cells[weighed.index % 2]);
-        weighed.go_on();
+    void interpolate_next() {
+        if (job.map_type != MapType::lattice || lattice_cursor.is_done()) return;
+        interpolate_cell_row(job.lattice, lattice_cursor.row, lattice_cursor.column, lattice_cursor.width(),
+                             cells[lattice_cursor.index % 2]);
+        lattice_cursor.advance();
     }
 
     void locate() {
         const int width = at.width();
-        weigh();
-        if (job.where == Where::nodes)
-            locate_nodes<Isa, I>(job.nodes, job.source.geometry, cells[at.index % 2], width, of(at.index));
+        interpolate_next();
+        if (job.map_type == MapType::lattice)
+            locate_lattice<Isa, I>(job.lattice, job.source.geometry, cells[at.index % 2], width, of(at.index));
         else
             locate_strip<Isa, I>(job, at.row, at.column, width, of(at.index));
-        at.go_on();
+        at.advance();
     }
 };
 
 template <int C, class T>
-uint8_t* place_in_target(const Job& job, int row, int column) {
+uint8_t* target_address(const Job& job, int row, int column) {
     const ptrdiff_t pixel = C * static_cast<ptrdiff_t>(sizeof(T));
     return job.target.data + row * job.target.stride + column * pixel;
 }
 
 template <class Isa, Interpolation I, int C, class T>
 void sample_packed_tile(const Job& job, const Tile& tile) {
-    for (Cursor at(tile); !at.is_done(); at.go_on()) {
-        uint8_t* out = place_in_target<C, T>(job, at.row, at.column);
+    for (Cursor at(tile); !at.is_done(); at.advance()) {
+        uint8_t* out = target_address<C, T>(job, at.row, at.column);
         const int width = at.width();
-        if (at.row + 1 < tile.bottom) fetch_to_write(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
+        if (at.row + 1 < tile.bottom) prefetch_target(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
         Isa::template sample_strip<I, C, T>(job, packed_strip<Fraction<T>>(job, at.row, at.column, width, out));
     }
 }
@@ -121,22 +122,22 @@ void sample_packed_tile(const Job& job, const Tile& tile) {
 template <class Isa, Interpolation I, int C, class T>
 void sample_tile(const Job& job, const Tile& tile) {
     using F = Fraction<T>;
-    if (job.where == Where::packed) return sample_packed_tile<Isa, I, C, T>(job, tile);
-    const bool is_fetched = job.source.elements > FETCHED_FROM;
+    if (job.map_type == MapType::packed) return sample_packed_tile<Isa, I, C, T>(job, tile);
+    const bool is_prefetched = job.source.elements > MIN_PREFETCH_ELEMENTS;
     Locator<Isa, I, F> locator(job, tile);
-    for (int i = 0; i < AHEAD && !locator.at.is_done(); ++i) locator.locate();
-    for (Cursor at(tile); !at.is_done(); at.go_on()) {
-        uint8_t* out = place_in_target<C, T>(job, at.row, at.column);
+    for (int i = 0; i < PREFETCH_STRIPS && !locator.at.is_done(); ++i) locator.locate();
+    for (Cursor at(tile); !at.is_done(); at.advance()) {
+        uint8_t* out = target_address<C, T>(job, at.row, at.column);
         const int width = at.width();
-        if (at.row + 1 < tile.bottom) fetch_to_write(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
-        const Block<F>* ahead = nullptr;
+        if (at.row + 1 < tile.bottom) prefetch_target(out + job.target.stride, width * C * static_cast<int>(sizeof(T)));
+        const Block<F>* prefetched = nullptr;
         if (!locator.at.is_done()) {
-            const int soon = locator.at.index;
+            const int located_index = locator.at.index;
             const bool is_as_wide = locator.at.width() >= width;
             locator.locate();
-            if (is_fetched && is_as_wide) ahead = locator.of(soon);
+            if (is_prefetched && is_as_wide) prefetched = locator.of(located_index);
         }
-        Isa::template sample_strip<I, C, T>(job, {locator.of(at.index), width, out, ahead});
+        Isa::template sample_strip<I, C, T>(job, {locator.of(at.index), width, out, prefetched});
     }
 }
 
@@ -172,8 +173,8 @@ template <class Isa, Interpolation I, class F>
 void pack_rows(const Packing& p, int top, int bottom) {
     for (int row = top; row < bottom; ++row) {
         for (int column = 0; column < p.width; column += STRIP) {
-            const int count = smaller(STRIP, p.width - column);
-            Block<F>* blocks = static_cast<Block<F>*>(p.blocks) + place_in_panels(p.rows, p.width, row, column);
+            const int count = min_of(STRIP, p.width - column);
+            Block<F>* blocks = static_cast<Block<F>*>(p.blocks) + panel_block_index(p.rows, p.width, row, column);
             if (p.coordinates.is_double)
                 locate_pairs<Isa, I, double>(p.coordinates, row, column, count, p.geometry, blocks);
             else

@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const TrialKernel avx2_trials = &judge_some;
+const TrialKernel avx2_trials = &evaluate_batch;
 
 }  // namespace omnimirror

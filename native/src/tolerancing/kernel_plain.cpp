@@ -2,6 +2,6 @@
 
 namespace omnimirror {
 
-const TrialKernel plain_trials = &judge_some;
+const TrialKernel plain_trials = &evaluate_batch;
 
 }  // namespace omnimirror

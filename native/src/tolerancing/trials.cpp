@@ -7,7 +7,7 @@
 namespace omnimirror {
 namespace {
 
-constexpr int TRIALS_A_PIECE = 64;
+constexpr int TRIALS_PER_TASK = 64;
 
 // Uses the instruction set selected for the samplers, or the plain kernel if there is none for it.
 TrialKernel trial_kernel() {
@@ -23,16 +23,15 @@ bool is_valid_term_count(int terms) { return terms == 0 || terms == 4 || terms =
 
 bool is_valid_power_count(int powers) { return powers == 1 || powers == 15 || powers == 28 || powers == 91; }
 
-void judge_trials(const TrialJob& job) {
+void evaluate_trials(const TrialJob& job) {
     TrialJob copy = job;
-    parallel_for(
-        (job.trials + TRIALS_A_PIECE - 1) / TRIALS_A_PIECE,
-        [](void* context, int i) {
-            const auto& work = *static_cast<const TrialJob*>(context);
-            const int first = i * TRIALS_A_PIECE, rest = work.trials - first;
-            trial_kernel()(work, first, rest < TRIALS_A_PIECE ? rest : TRIALS_A_PIECE);
-        },
-        &copy);
+    parallel_for((job.evaluate_trials_binding + TRIALS_PER_TASK - 1) / TRIALS_PER_TASK,
+                 [](void* context, int i) {
+                     const auto& work = *static_cast<const TrialJob*>(context);
+                     const int first = i * TRIALS_PER_TASK, rest = work.evaluate_trials_binding - first;
+                     trial_kernel()(work, first, rest < TRIALS_PER_TASK ? rest : TRIALS_PER_TASK);
+                 },
+                 &copy);
 }
 
 }  // namespace omnimirror

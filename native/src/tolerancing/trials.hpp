@@ -26,10 +26,10 @@ enum TrialNumber : int {
 
 constexpr int CALIBRATION_DEPTHS = 5;
 constexpr int TRIAL_MERITS = 4 * CALIBRATION_DEPTHS + 4;
-constexpr int MOST_POSE = 5, MOST_BASIS = 20, MOST_ROWS = 16;
-constexpr int MOST_FORM_ORDER = 12;
+constexpr int MAX_POSE_PARAMETERS = 5, MAX_BASIS_ROWS = 20, MAX_COMPENSATOR_ROWS = 16;
+constexpr int MAX_FORM_ORDER = 12;
 
-enum Refocus : int { NOT_REFOCUSED = 0, LEAST_RMS = 1, LEAST_WORST = 2 };
+enum Refocus : int { NO_REFOCUS = 0, MIN_RMS = 1, MIN_MAX = 2 };
 
 // A table of quintic pieces, for mirrors without a formula; otherwise, pieces is 0.
 struct RadialPieces {
@@ -51,24 +51,24 @@ struct TrialField {
 struct TrialCompensators {
     const double* affine;    // (affine_rows, 2 n); the first two are shifts
     const double* basis;     // (basis_rows, 2 n)
-    const double* straight;  // (basis_rows, pose)
-    const double* bent;      // (basis_rows, pose (pose + 1) / 2)
+    const double* linear;    // (basis_rows, pose)
+    const double* quadratic;  // (basis_rows, pose (pose + 1) / 2)
     const double* radial;    // (radial_rows, 2 n)
     int affine_rows, basis_rows, pose, radial_rows;
-    int rounds;
+    int iterations;
 };
 
 struct TrialSearch {
     int steps;         // maximum Newton steps
-    double close;      // convergence tolerance, in rim radii
-    double reflects;   // maximum residual of the law of reflection
+    double tolerance;  // convergence tolerance, in rim radii
+    double reflection_tolerance;  // maximum residual of the law of reflection
     double rim_slack;  // in rim radii
-    int halvings;      // golden-section steps of the focus search
+    int focus_steps;   // golden-section steps of the focus search
 };
 
 struct TrialJob {
     const double* numbers;  // (trials, TRIAL_NUMBERS + terms + powers)
-    int trials, terms, powers;
+    int evaluate_trials_binding, terms, powers;
     bool is_conic;  // whether any curvature is nonzero
     double rim;
     RadialPieces table;
@@ -78,14 +78,14 @@ struct TrialJob {
     Refocus refocus;
     double floor;    // px^2
     double* merits;  // (trials, TRIAL_MERITS), in the order of merit_names(); NaN if rays are lost
-    double* moved;   // (trials, 2 n) px, x of all objects and then y; or nullptr
+    double* displacements;  // (trials, 2 n) px, x of all objects and then y; or nullptr
 };
 
 // Valid numbers of terms and powers of a trial, for which kernels are compiled.
 bool is_valid_term_count(int terms);    // 0, 4, 8, 16
 bool is_valid_power_count(int powers);  // 1 (none), 15, 28, 91
 
-void judge_trials(const TrialJob& job);
+void evaluate_trials(const TrialJob& job);
 
 // For trials first to first + count.
 using TrialKernel = void (*)(const TrialJob& job, int first, int count);

@@ -26,7 +26,7 @@ MAX_THREADS = 1024
 CPU_QUOTA_FILE = Path(
     "/sys/fs/cgroup/cpu.max"
 )  # container limit: microseconds per period, and the period
-INTERFACE = 16  # version of the kernels, as in native/src/module.cpp
+INTERFACE = 17  # version of the kernels, as in native/src/module.cpp
 Array = NDArray[Any]
 Colour = float | Sequence[float]
 
@@ -101,7 +101,7 @@ class Backend:
         module.set_threads(usable_cores())
         if requested:
             try:
-                module.use_instructions(requested)
+                module.set_instruction_set(requested)
             except ValueError:
                 raise InvalidParameter(
                     f"OMNIMIRROR_NATIVE must be 0 or an instruction set of this processor; got {requested!r}"
@@ -125,7 +125,7 @@ class Backend:
         """Name of the sampler: ``"avx512"``, ``"avx512-gather"``, ``"avx2"``, ``"neon"``,
         ``"plain"`` or ``"opencv"``.
         """
-        return self.module.instructions() if self.module is not None else "opencv"
+        return self.module.instruction_set() if self.module is not None else "opencv"
 
     @property
     def threads(self) -> int:
@@ -172,7 +172,11 @@ class Kernels(Protocol):
     # -- samplers: dewarp -------------------------------------------------------------------------
 
     def Averages(
-        self, taps: Array, step: int, sharp: float, ring: tuple[float, float, float, float] | None
+        self,
+        taps: Array,
+        step: int,
+        sharp_px: float,
+        annulus: tuple[float, float, float, float] | None,
     ) -> object: ...
     def PackedMap(
         self,
@@ -180,7 +184,7 @@ class Kernels(Protocol):
         width: int,
         height: int,
         channels: int,
-        deep: bool,
+        is_deep: bool,
         interpolation: int,
     ) -> PackedMap: ...
     def AxialCamera(
@@ -232,7 +236,7 @@ class Kernels(Protocol):
         border: Colour,
         averages: object = None,
     ) -> None: ...
-    def squared_sides_of_nodes(
+    def squared_sides_of_lattice(
         self, x: Array, y: Array, step: int, cells: Array, patches: Array, out: Array
     ) -> None: ...
 
@@ -254,8 +258,8 @@ class Kernels(Protocol):
         search: tuple[int, float, float, int, float, int],
         lens: Array,
         lens_numbers: tuple[float, ...],
-        walls: Array,
-        wall: tuple[int, float, float],
+        shells: Array,
+        shell: tuple[int, float, float],
         columns: Array,
         results: Array,
     ) -> None: ...
@@ -279,7 +283,7 @@ class Kernels(Protocol):
         tiles: Array,
         concentration: Array,
     ) -> object: ...
-    def Sharpening(self, kernels: object, roots: Array, guess: Array) -> Sharpening: ...
+    def Deconvolution(self, kernels: object, roots: Array, guess: Array) -> Deconvolution: ...
     def expose_environment(
         self,
         optics: object,
@@ -318,29 +322,29 @@ class Kernels(Protocol):
         open_rays: Array,
     ) -> int: ...
 
-    def meet_boxes(
+    def intersect_boxes(
         self, corners: Array, origins: Array, directions: Array, distances: Array, faces: Array
     ) -> None: ...
-    def lead_through_boxes(
-        self, corners: Array, origins: Array, segments: Array, through: Array
+    def are_blocked(
+        self, corners: Array, origins: Array, segments: Array, blocked: Array
     ) -> None: ...
 
     # -- sensors with errors: tolerancing ---------------------------------------------------------
 
-    def judge_trials(
+    def evaluate_trials(
         self,
         numbers: Array,
         terms: int,
         is_conic: bool,
         rim: float,
         table: tuple[Array, float],
-        objects: tuple[Array | bool, ...],
-        rows: tuple[Array | int, ...],
+        object_field: tuple[Array | bool, ...],
+        compensators: tuple[Array | int, ...],
         search: tuple[int, float, float, float, int],
         refocus: int,
         floor: float,
         merits: Array,
-        moved: Array,
+        displacements: Array,
     ) -> None: ...
 
     # -- reflection points: tracing, torch --------------------------------------------------------
@@ -357,33 +361,33 @@ class Kernels(Protocol):
         rows: Array,
         states: Array,
     ) -> None: ...
-    def leave_wall(
+    def shell_exit(
         self,
-        wall: tuple[Any, ...],
+        shell: tuple[Any, ...],
         points: Array,
         directions: Array,
         vectors: Array,
         numbers: Array,
         flags: Array,
     ) -> None: ...
-    def find_covered(
+    def find_reflections_through_shell(
         self,
         mirror: tuple[Array, float, float, Array, Array],
-        wall: tuple[Any, ...],
+        shell: tuple[Any, ...],
         ends: tuple[float, float],
         search: tuple[int, float, float],
         pupils: tuple[Array, bool],
         targets: tuple[Array, bool],
         xy: Array,
-        settled: Array,
+        converged: Array,
     ) -> None: ...
-    def meet_mirror(
+    def intersect_mirror(
         self,
         surface: tuple[Any, ...],
         search: tuple[Any, ...],
         depth: Array,
         max_tangent: float,
-        ways: Array,
+        directions: Array,
         rows: Array,
         states: Array,
     ) -> None: ...
@@ -392,8 +396,8 @@ class Kernels(Protocol):
 
     def set_threads(self, count: int) -> None: ...
     def get_threads(self) -> int: ...
-    def instructions(self) -> str: ...
-    def use_instructions(self, name: str) -> None: ...
+    def instruction_set(self) -> str: ...
+    def set_instruction_set(self, name: str) -> None: ...
 
 
 class PackedMap(Protocol):
@@ -432,7 +436,7 @@ class CompiledSurfaces(Protocol):
     ) -> None: ...
 
 
-class Sharpening(Protocol):
+class Deconvolution(Protocol):
     """State of an image restoration."""
 
     def improve(self, costs: Array, steps: Array) -> None: ...

@@ -32,10 +32,12 @@ from .viewpoints import Viewpoint, centre_of_projection, projection_of
 
 ENTRIES = 1 << 15  # linear interpolation error 1e-6 px at 1000 px radius
 ORIGINS = 1 << 14  # ray origins on the mirror; error some 1e-5 px near the mirror, the worst case
-SLACK = 1e-9  # radians; the rim itself is inside the field
-CLOSE = 1e-7  # step in sin(Omega/2): the remaining error of a Newton step is about its square
-GAP = 0.1  # below any jump of the sine between two directions that differ by 360 deg
-MOST_STEPS = 100  # bisection alone requires 25
+ANGLE_TOLERANCE_RAD = 1e-9  # radians; the rim itself is inside the field
+CONVERGENCE_TOLERANCE = (
+    1e-7  # step in sin(Omega/2): the remaining error of a Newton step is about its square
+)
+MAX_ROOT_RESIDUAL = 0.1  # below any jump of the sine between two directions that differ by 360 deg
+MAX_STEPS = 100  # bisection alone requires 25
 
 
 class Tables(NamedTuple):
@@ -145,7 +147,9 @@ class RadialTable:
         first, last, radii, *_ = self._tables
         low, rise, fraction = _cells(radii, half_sines, self._tables)
         radius: Array = low + fraction * rise
-        return radius, (half_sines >= first - SLACK) & (half_sines <= last + SLACK)
+        return radius, (half_sines >= first - ANGLE_TOLERANCE_RAD) & (
+            half_sines <= last + ANGLE_TOLERANCE_RAD
+        )
 
 
 def tables_of(symmetry: AxialSymmetry, entries: int = ENTRIES, origins: int = ORIGINS) -> Tables:
@@ -219,7 +223,7 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
     q = np.clip(np.nan_to_num(_half_angles(across, along - viewpoint)[0], nan=first), first, last)
     low, high = np.full_like(q, 2 * first - last), np.full_like(q, 2 * last - first)
     roots = np.full_like(q, np.nan)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         (x, x_rate, fraction), (z, z_rate, _) = (_cells(column, q, tables) for column in origins.T)
         # f(q) = q - sin(phi/2), f' = 1 - cos(phi/2) / 2 * dphi/dq, with the angle phi of (dx, dz)
         # to the axis and dphi/dq = (dx z' - dz x') / (dx^2 + dz^2) for the origin (x, z)(q)
@@ -237,9 +241,11 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
         beyond = ((miss > 0) & (q <= first)) | ((miss < 0) & (q >= last))
         # A discontinuity isolated by bisection is not a root: the point is inside the mirror or in
         # its shadow.
-        roots = np.where(beyond, q - miss, np.where(np.abs(miss) < GAP, newton, np.nan))
+        roots = np.where(
+            beyond, q - miss, np.where(np.abs(miss) < MAX_ROOT_RESIDUAL, newton, np.nan)
+        )
         change, q = np.abs(next_q - q).max(initial=0.0), next_q
-        if change <= CLOSE:
+        if change <= CONVERGENCE_TOLERANCE:
             break
     return roots
 

@@ -26,7 +26,7 @@ from .sampling import (
     check_pixels,
     contiguous,
     squared_sides_of_circles,
-    squared_sides_of_nodes,
+    squared_sides_of_lattice,
     squared_sides_of_pixels,
 )
 
@@ -319,7 +319,7 @@ class LatticeMap:
 
     @cached_property
     def _footprints(self) -> Footprints:
-        squares = squared_sides_of_nodes(self.nodes, self.step, self.cells, self.patches)
+        squares = squared_sides_of_lattice(self.nodes, self.step, self.cells, self.patches)
         return Footprints(squares, self.step, self.annulus)
 
     def sample_compiled(self, job: RemapJob) -> None:

@@ -61,9 +61,9 @@ and down, in square source pixels.
 """
 
 CELL_PX = 16
-EVERY_PX = 4  # footprints vary slowly; these pixels represent all
-MOST_TAPS = 128  # per side
-JUMP2, JUMP2_PX = 16.0, 4.0
+SAMPLING_STEP_PX = 4  # footprints vary slowly; these pixels represent all
+MAX_TAPS = 128  # per side
+JUMP_RATIO2, JUMP_EXCESS_PX2 = 16.0, 4.0
 """Thresholds of the ratio of opposite squared sides, and of the excess, for a jump to another view
 of a mosaic.
 """
@@ -86,7 +86,7 @@ class Rule:
         """Return the number of samples across and down in each cell."""
         with np.errstate(divide="ignore", invalid="ignore"):
             shortened = np.sqrt(squares) * (1 - (self.sharp_px**2 / squares) ** 4)
-            needed = np.ceil(shortened / self.spacing_px).clip(2, MOST_TAPS)
+            needed = np.ceil(shortened / self.spacing_px).clip(2, MAX_TAPS)
         return np.where(squares > self.single_px**2, needed, 1).astype(np.uint8)
 
 
@@ -157,7 +157,7 @@ def squared_sides_of_pixels(pixels: NDArray[Any]) -> SquaredSides:
     rows, columns = pixels.shape[:2]
     cells = -(-rows // CELL_PX), -(-columns // CELL_PX)
     squares = np.zeros((*cells, 2), np.float32)
-    every = EVERY_PX
+    every = SAMPLING_STEP_PX
     sampled = pixels[::every, ::every]
     neighbours = (
         (pixels[::every, 1::every], pixels[::every, every - 1 :: every]),
@@ -217,7 +217,7 @@ def _longest(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     return longest
 
 
-def squared_sides_of_nodes(
+def squared_sides_of_lattice(
     nodes: NDArray[np.float32], step: int, cells: NDArray[np.int32], patches: NDArray[np.float32]
 ) -> SquaredSides:
     """Return the squared sides of a lattice from its nodes; see
@@ -226,7 +226,7 @@ def squared_sides_of_nodes(
     if backend.is_compiled:
         squares = np.empty((*cells.shape, 2), np.float32)
         u, v = nodes
-        backend.kernels.squared_sides_of_nodes(u, v, step, cells, patches, squares)
+        backend.kernels.squared_sides_of_lattice(u, v, step, cells, patches, squares)
         return squares
     scale = np.float32(0.5 / step)
     across = _squared(np.moveaxis(nodes[:, 1:-1, 2:] - nodes[:, 1:-1, :-2], 0, -1) * scale)
@@ -240,10 +240,10 @@ def squared_sides_of_nodes(
 
 
 def _squares_of_patches(patches: NDArray[np.float32]) -> SquaredSides:
-    sampled = patches[:, ::EVERY_PX, ::EVERY_PX]
+    sampled = patches[:, ::SAMPLING_STEP_PX, ::SAMPLING_STEP_PX]
     sides = (
-        patches[:, ::EVERY_PX, 1::EVERY_PX] - sampled,
-        patches[:, 1::EVERY_PX, ::EVERY_PX] - sampled,
+        patches[:, ::SAMPLING_STEP_PX, 1::SAMPLING_STEP_PX] - sampled,
+        patches[:, 1::SAMPLING_STEP_PX, ::SAMPLING_STEP_PX] - sampled,
     )
     return np.stack(
         [np.fmax.reduce(_squared(to_next), axis=(1, 2), initial=0) for to_next in sides], axis=-1
@@ -260,7 +260,7 @@ def _squared(vectors: NDArray[Any]) -> NDArray[np.float32]:
 
 def _largest(values: NDArray[np.float32], cells: tuple[int, int]) -> NDArray[np.float32]:
     """Return the maximum in each cell; a last cell without values has the value of its neighbour."""
-    each = CELL_PX // EVERY_PX
+    each = CELL_PX // SAMPLING_STEP_PX
     missing = [(0, each * n - have) for n, have in zip(cells, values.shape, strict=True)]
     padded = np.pad(values, missing, mode="edge")
     largest: NDArray[np.float32] = padded.reshape(cells[0], each, cells[1], each).max(axis=(1, 3))
@@ -572,7 +572,10 @@ def _sides(middle: Values, before: Values, after: Values, averages: Averages) ->
     offsets = before - middle, after - middle
     squares = [(offset**2).sum(axis=-1) for offset in offsets]
     with np.errstate(invalid="ignore"):
-        missing = [np.isnan(s) | (s > JUMP2 * o + JUMP2_PX) for s, o in (squares, squares[::-1])]
+        missing = [
+            np.isnan(s) | (s > JUMP_RATIO2 * o + JUMP_EXCESS_PX2)
+            for s, o in (squares, squares[::-1])
+        ]
     none = missing[0] & missing[1]
     if averages.annulus is None:
         none |= np.isnan(squares[0]) | np.isnan(squares[1])

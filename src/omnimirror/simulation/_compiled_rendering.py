@@ -88,7 +88,7 @@ def native_optics(
         natural_vignetting=radiometry.vignetting,
         **_obstruction_parameters(sensor.obstructions, m),
         housing_light=(radiometry.housing_light,) * 3,
-        sees_past=radiometry.direct_view,
+        direct_view=radiometry.direct_view,
         rotation=tuple(rotation.ravel()),
         shift=tuple(np.array(frame.shift_mm) - (0.0 if frame.distant else m) * rotation[:, 2]),
         distant=frame.distant,

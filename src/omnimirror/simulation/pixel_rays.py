@@ -266,7 +266,7 @@ def scene_through_shell(camera: Camera, scene: Scene) -> Scene:
 
 Outcomes = NDArray[np.uint8]
 
-LOST, REFLECTED, DIRECT, HIDDEN = range(4)  # outcome of a ray; values of the compiled kernels
+LOST, REFLECTED, DIRECT, OBSCURED = range(4)  # outcome of a ray; values of the compiled kernels
 OUTLINE_LINES = 64  # lines from the vertex to the rim
 
 
@@ -284,7 +284,7 @@ class TracedRays(NamedTuple):
     hit: Mask
     """Mask (n,) of rays that meet the mirror."""
     outcome: Outcomes
-    """Outcome (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod
+    """Outcome (n,): ``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``OBSCURED`` by camera, rod
     or rim.
     """
 
@@ -307,8 +307,8 @@ def trace_to_scene(
     if pupil.any():  # chief rays alone use the vignetting of the lens as a weight
         outcome[~sensor.optical_train.passes_lens(start, towards)] = LOST
     obstructions = sensor.obstructions
-    outcome[hit & obstructions.meets_front(points, directions, -towards)] = HIDDEN
-    outcome[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = HIDDEN
+    outcome[hit & obstructions.meets_front(points, directions, -towards)] = OBSCURED
+    outcome[obstructions.meets_rim(points, directions, sensor.mirror_pose)] = OBSCURED
     return TracedRays(points, directions, towards, hit, outcome)
 
 
@@ -433,7 +433,11 @@ def trace_pixels(
         trace_to_scene(camera, pixels, np.zeros_like(pixels), radiometry or Radiometry()),
         camera.obstructions,
     )
-    points, directions, hidden = (traced.points, _unit(traced.directions), traced.outcome == HIDDEN)
+    points, directions, hidden = (
+        traced.points,
+        _unit(traced.directions),
+        traced.outcome == OBSCURED,
+    )
     valid = (traced.outcome == REFLECTED) | (traced.outcome == DIRECT)
     if (shell := obstructions.housing.shell) is not None:
         for disc in obstructions.discs:  # lids and the frame of a window

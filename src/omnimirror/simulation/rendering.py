@@ -27,8 +27,8 @@ from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
 from .image_tiles import BYTES, LIGHT, PixelConversion, Progress, Tile, render_tiles
 from .pixel_rays import (
     DIRECT,
-    HIDDEN,
     LOST,
+    OBSCURED,
     REFLECTED,
     Samples,
     ThroughShell,
@@ -58,7 +58,7 @@ class Bundle(NamedTuple):
     weight: NDArray[np.floating]
     """Transmitted fraction of the light; for hidden rays, of the light of the housing."""
     outcome: NDArray[np.uint8]
-    """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``HIDDEN`` by camera, rod or edge."""
+    """``LOST``, ``REFLECTED``, ``DIRECT`` past the mirror, or ``OBSCURED`` by camera, rod or edge."""
 
 
 @validate_arguments
@@ -227,8 +227,8 @@ def _check_size(camera: Camera) -> None:
     width, height = camera.image_size
     if width * height > MAX_SIDE_PX**2:
         raise InvalidParameter(
-            f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} x "
-            f"{MAX_SIDE_PX} px; got {width} x {height} px"
+            f"the image must have at most {MAX_SIDE_PX**2} px, for example {MAX_SIDE_PX} "
+            f"x {MAX_SIDE_PX} px; got {width} x {height} px"
         )
 
 
@@ -271,7 +271,7 @@ def gather_light(bundle: Bundle, scene: Scene, radiometry: Radiometry) -> Light:
     visible = (bundle.outcome == REFLECTED) | (bundle.outcome == DIRECT)
     light[visible] = scene.radiance(bundle.origins[visible], bundle.directions[visible])
     light *= bundle.weight[..., None]
-    hidden = bundle.outcome == HIDDEN
+    hidden = bundle.outcome == OBSCURED
     light[hidden] = radiometry.housing_light * bundle.weight[hidden, None]
     return light
 

@@ -122,7 +122,7 @@ def test_invalid_design_in_address_is_reported_and_bench_works(design, lacks, br
         page.get_by_role("button", name="Look", exact=True).click()
         page.get_by_role("button", name="Design", exact=True).click()
     assert page.get_by_role("button", name="Undo", exact=True).count() == 1
-    assert page.locator("#bench > aside").count() == 1
+    assert page.locator("#design > aside").count() == 1
     assert page.evaluate(f"{NOW}.tables.name") == "paper-spherical"
     page.wait_for_function(
         "location.hash.includes('radius_mm')"
@@ -151,13 +151,13 @@ def test_immediate_reload_keeps_change_and_undo_history(browser, server):
     page.wait_for_function("location.hash.includes('design')")
     page.get_by_label("Focal length", exact=True).fill("12.5")
     page.evaluate("document.activeElement.blur(); location.reload()")
-    page.wait_for_function("() => window.omnimirror?.tabs.bench?.found?.[0]")
+    page.wait_for_function("() => window.omnimirror?.tabs.design?.evaluations?.[0]")
     assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.5
     page.get_by_role("button", name="Undo", exact=True).click()
     assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == SPHERE.lens.focal_length_mm
     page.get_by_label("Focal length", exact=True).fill("12.75")  # without pressing a key
     page.reload()
-    page.wait_for_function("() => window.omnimirror?.tabs.bench?.found?.[0]")
+    page.wait_for_function("() => window.omnimirror?.tabs.design?.evaluations?.[0]")
     assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.75
     page.context.close()
 
@@ -182,13 +182,13 @@ def test_two_tabs_have_independent_designs_and_undo_histories(browser, server):
 def test_request_that_closes_connection_is_repeated_a_limited_number_of_times(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
     sent = page.evaluate("""() => new Promise((resolve) => {
-      const { bench } = window.omnimirror.tabs;
+      const { design } = window.omnimirror.tabs;
       let count = 0;
       const own = WebSocket.prototype.send;
       WebSocket.prototype.send = function (text) { count += text.includes('"slot":0'); own.call(this, text); };
-      const answered = bench.answers.answered;
-      bench.answers.answered = (found) => { answered(found); if (found.trouble) resolve(count); };
-      bench.answers.ask(0, { tables: "no tables" });
+      const answered = design.evaluator.onEvaluation;
+      design.evaluator.onEvaluation = (found) => { answered(found); if (found.error) resolve(count); };
+      design.evaluator.ask(0, { tables: "no tables" });
     })""")
     assert sent == 1  # rejected by the server
     assert "cannot evaluate this design" in page.locator(".trouble").inner_text()
@@ -207,7 +207,7 @@ def test_back_and_forward_restore_tabs_views_and_images(page, pictures):
     look(page, pan=30)
     look(page, mode="dome")
     page.get_by_role("button", name="Design", exact=True).click()
-    assert page.locator("#bench").is_visible()
+    assert page.locator("#design").is_visible()
     page.go_back()
     page.wait_for_function("window.omnimirror.store.state.tab === 'look'")
     assert state(page)["mode"] == "dome"

@@ -17,12 +17,12 @@ from omnimirror.optics.sensor_files import parse_sensor, tables_of
 from .browser import open_page
 from .test_axe import ASK, AXE
 
-BENCH = "window.omnimirror.tabs.bench"
+BENCH = "window.omnimirror.tabs.design"
 ASKED = """(ask) => {
-  const found = window.omnimirror.tabs.bench.answers.answerer.answer(ask, 0);
+  const found = window.omnimirror.tabs.design.evaluator.evaluator.answer(ask, 0);
   const blocks = found.blocks.map(({ name, columns }) =>
     [name, Object.fromEntries(columns.map((c) => [c, [...found.block(name).column(c)]]))]);
-  return JSON.stringify({ facts: found.facts, trouble: found.trouble, blocks: Object.fromEntries(blocks) });
+  return JSON.stringify({ summary: found.summary, error: found.error, blocks: Object.fromEntries(blocks) });
 }"""
 ASPHERE = """
 name = "asphere"
@@ -72,7 +72,7 @@ def address(tmp_path_factory) -> str:
 def bench(browser, address):
     page = open_page(browser, address, 1280, 900)
     page.get_by_role("button", name="Design", exact=True).click()
-    page.wait_for_function(f"{BENCH}?.found?.[0]")
+    page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
     yield page
     assert page.problems == []
     page.context.close()
@@ -87,11 +87,11 @@ def question(sensor: om.Sensor, **changes) -> DesignRequest:
         "slot": 0,
         "number": 1,
         "tables": tables_of(sensor),
-        "follows": False,
+        "follows_mapping": False,
         "object_distance_mm": None,
     }
     return DesignRequest.model_validate(
-        {**plain, "section": True, "squares": True, "requirements": None, **changes}
+        {**plain, "include_section": True, "include_squares": True, "requirements": None, **changes}
     )
 
 
@@ -110,7 +110,7 @@ def served(asked: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]
         rows = values[at : at + shape[0] * shape[1]].reshape(shape)
         at += rows.size
         blocks[block["name"]] = dict(zip(block["columns"], rows, strict=True))
-    return header["facts"], blocks
+    return header["summary"], blocks
 
 
 @pytest.mark.parametrize("distance", [None, 700.0])
@@ -118,13 +118,13 @@ def served(asked: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]
 def test_values_match_evaluation(bench, design, distance):
     asked = question(sensor_of(design), object_distance_mm=distance)
     found, (facts, blocks) = answered(bench, asked), served(asked)
-    assert found["trouble"] is None
+    assert found["error"] is None
     for name, value in facts.items():
         if name not in ("name", "not_optimised"):
             wanted = [np.nan if v is None else v for v in np.atleast_1d(np.array(value, object))]
             seen = [
                 np.nan if v is None else v
-                for v in np.atleast_1d(np.array(found["facts"][name], object))
+                for v in np.atleast_1d(np.array(found["summary"][name], object))
             ]
             np.testing.assert_allclose(seen, wanted, rtol=1e-6, atol=1e-9, err_msg=name)
     assert set(found["blocks"]) == set(blocks)
@@ -142,7 +142,7 @@ def test_values_match_evaluation(bench, design, distance):
 @pytest.mark.parametrize("design", DESIGNS)
 def test_best_focus_matches_evaluation(bench, design):
     sensor = sensor_of(design)
-    find = "([tables, object]) => window.omnimirror.tabs.bench.answers.answerer.bestFocus(tables, object)"
+    find = "([tables, object]) => window.omnimirror.tabs.design.evaluator.evaluator.bestFocus(tables, object)"
     found = bench.evaluate(find, [tables_of(sensor), 900.0])
     wanted = om.best_focus(sensor, object_distance_mm=900.0)
     area = om.evaluate(
@@ -185,14 +185,14 @@ def test_error_is_displayed_next_to_its_field(bench, section, entry, value, word
     asked = question(om.load_sensor("paper-spherical"))
     asked.tables[section][entry] = value
     found = answered(bench, asked)
-    assert words in found["trouble"]["sentence"]
-    assert found["trouble"]["path"][0] == section
+    assert words in found["error"]["message"]
+    assert found["error"]["path"][0] == section
 
 
 def test_slider_pin_and_best_focus_without_server(browser, address):
     page = open_page(browser, address, 1280, 900)
     page.get_by_role("button", name="Design", exact=True).click()
-    page.wait_for_function(f"{BENCH}?.found?.[0]")
+    page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
     for name in (
         "Calibrate",
         "Download",
@@ -205,15 +205,15 @@ def test_slider_pin_and_best_focus_without_server(browser, address):
     page.get_by_role("button", name="Pin", exact=True).click()
     page.get_by_role("spinbutton", name="Radius", exact=True).fill("47")
     page.get_by_role("spinbutton", name="Radius", exact=True).press("Enter")
-    page.wait_for_function(f"{BENCH}.found[0].facts.field_deg[1] > 140")
+    page.wait_for_function(f"{BENCH}.evaluations[0].summary.field_deg[1] > 140")
     page.get_by_role("button", name="Best focus").click()
     page.wait_for_function(f"{BENCH}.history.now.tables.lens.focus_distance_mm !== 212")
     page.get_by_role("button", name="Undo").click()
     page.wait_for_function(f"{BENCH}.history.now.tables.lens.focus_distance_mm === 212")
     page.get_by_label("Start from a bundled sensor").select_option("paraboloid-telecentric")
-    page.wait_for_function(f"{BENCH}.found[0].facts.mirror_distance_mm === null")
+    page.wait_for_function(f"{BENCH}.evaluations[0].summary.mirror_distance_mm === null")
     page.reload()
-    page.wait_for_function(f"{BENCH}?.found?.[0]?.facts.mirror_distance_mm === null")
+    page.wait_for_function(f"{BENCH}?.evaluations?.[0]?.summary.mirror_distance_mm === null")
     assert page.problems == []
     page.context.close()
 
@@ -226,7 +226,7 @@ def test_accessibility_without_server(browser, address, width):
     page = open_page(
         browser, f"{address}#tab=design", width, 800, reduced_motion="reduce", device_scale_factor=1
     )
-    page.wait_for_function(f"{BENCH}?.found?.[0]")
+    page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
     page.add_script_tag(path=AXE)
     serious = {
         v["id"]: v["nodes"][0]["html"]

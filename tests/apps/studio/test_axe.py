@@ -37,7 +37,7 @@ def beside(page, folder) -> None:
 def together(page, folder) -> None:
     look(page, beside=False, fit=None)
     page.get_by_role("button", name="All views").click()
-    page.wait_for_function("window.omnimirror.look.laid.places.length === 5")
+    page.wait_for_function("window.omnimirror.look.layout.places.length === 5")
 
 
 def explained(page, folder) -> None:
@@ -49,12 +49,12 @@ def explained(page, folder) -> None:
 def designed(page, folder) -> None:
     page.keyboard.press("Escape")
     look(page, tab="design")
-    page.wait_for_selector("#bench .compare tbody td")
+    page.wait_for_selector("#design .compare tbody td")
 
 
 def compared(page, folder) -> None:
     page.get_by_role("button", name="Pin", exact=True).click()
-    page.locator("#bench").get_by_label("F-number", exact=True).fill("5.6")
+    page.locator("#design").get_by_label("F-number", exact=True).fill("5.6")
     page.keyboard.press("Enter")
     page.locator(".compare tbody tr").nth(1).wait_for()
     page.locator(".groups .difference").click()

@@ -47,10 +47,16 @@ def question(sensor: om.Sensor, **changes) -> dict:
         "slot": 0,
         "number": 1,
         "tables": tables_of(sensor),
-        "follows": False,
+        "follows_mapping": False,
         "object_distance_mm": None,
     }
-    return {**plain, "section": False, "squares": False, "requirements": None, **changes}
+    return {
+        **plain,
+        "include_section": False,
+        "include_squares": False,
+        "requirements": None,
+        **changes,
+    }
 
 
 def unpacked(data: bytes) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
@@ -88,16 +94,16 @@ def post(client, place: str, **body):
 @pytest.mark.parametrize("name", bundled_sensors())
 def test_curves_match_evaluation(name, client):
     sensor = om.load_sensor(name)
-    asked = question(sensor, object_distance_mm=900.0, section=True, squares=True)
+    asked = question(sensor, object_distance_mm=900.0, include_section=True, include_squares=True)
     (header, blocks), *_ = ask(client, asked)
-    assert header["trouble"] is None
+    assert header["error"] is None
     curves = blocks["curves"]
     expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=900.0)
     for column, values in curves.items():
         np.testing.assert_allclose(
             values, getattr(expected, column), rtol=2e-6, atol=2e-5, err_msg=column
         )
-    assert header["facts"]["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
+    assert header["summary"]["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
     mirror = blocks["mirror"]
     inside = np.isfinite(mirror["z_mm"])
     x = np.minimum(np.abs(mirror["x_mm"][inside].astype(float)), sensor.mirror.rim_radius_mm)
@@ -108,7 +114,7 @@ def test_section_rays_satisfy_reflection_law(client):
     """Incident at Omega, reflected to the lens: both directions make the same angle with the mirror
     normal."""
     sensor = om.load_sensor("paper-spherical")
-    (_, blocks), *_ = ask(client, question(sensor, section=True))
+    (_, blocks), *_ = ask(client, question(sensor, include_section=True))
     rays = {float(name[4:]): block for name, block in blocks.items() if name.startswith("ray ")}
     assert sorted(rays) == list(range(0, 136, 15))
     for omega, ray in rays.items():
@@ -134,8 +140,8 @@ def test_error_contains_entry(client):
     for section, name, value in wrong:
         changed = {**tables, section: {**tables[section], name: value}}
         (header, blocks), *_ = ask(client, question(sensor, tables=changed))
-        assert header["trouble"]["path"] == [section, name]
-        assert name in header["trouble"]["sentence"]
+        assert header["error"]["path"] == [section, name]
+        assert name in header["error"]["message"]
         assert blocks == {}
 
 
@@ -154,8 +160,8 @@ def test_newest_waiting_request_is_answered(client):
 def test_lens_position_follows_mapping(client):
     sensor = om.load_sensor("exact-equidistant")
     wider = replace(sensor, mirror=replace(sensor.mirror, omega_max_deg=120.0))
-    (header, blocks), *_ = ask(client, question(wider, follows=True))
-    assert header["facts"]["mirror_distance_mm"] == pytest.approx(wider.mirror.design_distance)
+    (header, blocks), *_ = ask(client, question(wider, follows_mapping=True))
+    assert header["summary"]["mirror_distance_mm"] == pytest.approx(wider.mirror.design_distance)
     rate = blocks["curves"]["dh_domega_px_per_deg"]
     np.testing.assert_allclose(rate, rate[0], rtol=1e-6)
 
@@ -170,7 +176,7 @@ def test_requirements_are_evaluated_at_worst_angle_and_distance(client):
         for e in (om.evaluate(sensor, omega, object_distance_mm=d) for d in (600.0, np.inf))
     )
     blur = rows["total_blur_px"]
-    assert blur["reached"] == pytest.approx(worst, rel=1e-4)
+    assert blur["value"] == pytest.approx(worst, rel=1e-4)
     assert blur["is_met"] == (worst <= 9.0)
     assert blur["margin"] == pytest.approx(9.0 - worst, abs=1e-3)
     assert not rows["resolution_px_per_deg"]["is_met"]
@@ -178,7 +184,7 @@ def test_requirements_are_evaluated_at_worst_angle_and_distance(client):
     assert rows["omega_max_deg"]["is_met"]
     (header, _), *_ = ask(client, question(sensor, requirements={"field": {"omega_max_deg": 500}}))
     assert header["rows"] == []
-    assert "omega_max_deg" in header["requirements_trouble"]
+    assert "omega_max_deg" in header["requirements_error"]
 
 
 # -- conversion of parts
@@ -210,7 +216,12 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
     changed and the design is evaluated."""
     sensor = om.load_sensor("paper-spherical")
     made = post(
-        client, "change", tables=tables_of(sensor), what="mirror", to=kind, object_distance_mm=None
+        client,
+        "change",
+        tables=tables_of(sensor),
+        target="mirror",
+        to=kind,
+        object_distance_mm=None,
     ).json()
     new = parse_sensor(format_sensor(parse_sensor(toml(made["tables"]))))
     assert made["tables"]["mirror"]["kind"] == kind
@@ -282,7 +293,7 @@ def test_changing_lens_keeps_image_size(name, client):
     sensor = om.load_sensor(name)
     to = "perspective" if sensor.lens.TELECENTRIC else "orthographic"
     made = post(
-        client, "change", tables=tables_of(sensor), what="lens", to=to, object_distance_mm=None
+        client, "change", tables=tables_of(sensor), target="lens", to=to, object_distance_mm=None
     ).json()
     new = parse_sensor(toml(made["tables"]))
     assert made["tables"]["lens"]["kind"] == to
@@ -291,7 +302,7 @@ def test_changing_lens_keeps_image_size(name, client):
 
 def test_lens_is_tabulated_and_surface_lens_requires_file(client):
     sensor, omega = om.load_sensor("paper-spherical"), [30.0, 90.0, 130.0]
-    asked = {"tables": tables_of(sensor), "what": "lens", "object_distance_mm": None}
+    asked = {"tables": tables_of(sensor), "target": "lens", "object_distance_mm": None}
     made = parse_sensor(toml(post(client, "change", to="table", **asked).json()["tables"]))
     assert made.lens.KIND == "table"
     focus = made.lens.focus_distance_mm
@@ -304,7 +315,7 @@ def test_lens_is_tabulated_and_surface_lens_requires_file(client):
 
 def test_best_focus_matches_library(client):
     sensor = om.load_sensor("paper-spherical")
-    asked = {"what": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}
+    asked = {"target": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}
     made = post(client, "change", tables=tables_of(sensor), **asked).json()
     best = om.best_focus(sensor, "worst_blur_px", object_distance_mm=300.0).focus_mm
     assert made["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
@@ -312,7 +323,7 @@ def test_best_focus_matches_library(client):
         client,
         "change",
         tables=tables_of(sensor),
-        what="mirror",
+        target="mirror",
         to="spoon",
         object_distance_mm=None,
     )
@@ -393,10 +404,10 @@ def test_no_request_makes_server_read_a_file(client):
     sensor = om.load_sensor("paper-spherical")
     tables = {**tables_of(sensor), "mirror": {"kind": "sampled", "profile_csv": "/etc/passwd"}}
     (header, _), *_ = ask(client, question(sensor, tables=tables))
-    assert "must not name a file" in header["trouble"]["sentence"]
+    assert "must not name a file" in header["error"]["message"]
     mirror = {"mapping": "tabulated-mapping", "mapping_csv": "/etc/passwd", "rim_radius_mm": 40.0}
     (header, _), *_ = ask(client, question(sensor, requirements={**WANTED, "mirror": mirror}))
-    assert "must not name a file" in header["requirements_trouble"]
+    assert "must not name a file" in header["requirements_error"]
 
 
 @pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])
@@ -410,14 +421,16 @@ def test_invalid_tables_are_rejected(entry, client):
     wrong += [
         {**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "rim_radius_mm": entry}}
     ]
-    answers = ask(client, *(question(sensor, tables=tables, follows=True) for tables in wrong))
-    assert all(header["trouble"] or header["facts"] for header, _ in answers)
-    assert sum(header["trouble"] is not None for header, _ in answers) >= 5
+    answers = ask(
+        client, *(question(sensor, tables=tables, follows_mapping=True) for tables in wrong)
+    )
+    assert all(header["error"] or header["summary"] for header, _ in answers)
+    assert sum(header["error"] is not None for header, _ in answers) >= 5
     wanted = [{**WANTED, "limit": [entry]}, {**WANTED, "field": entry}, {**WANTED, "mirror": entry}]
     answers = ask(
         client, *(question(om.load_sensor("paper-spherical"), requirements=w) for w in wanted)
     )
-    assert all(header["requirements_trouble"] for header, _ in answers)
+    assert all(header["requirements_error"] for header, _ in answers)
 
 
 def test_invalid_request_closes_connection(client):
@@ -432,10 +445,10 @@ def test_invalid_request_closes_connection(client):
 @pytest.mark.full
 def test_preview_is_reduced_simulated_image(client):
     sensor = om.load_sensor("paper-spherical")
-    data = post(client, "picture", tables=tables_of(sensor), width_px=128, samples=1).content
+    data = post(client, "image", tables=tables_of(sensor), width_px=128, samples=1).content
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["picture_bytes"], 4 + length), 1)[
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["image_bytes"], 4 + length), 1)[
         ..., ::-1
     ]
     assert picture.shape == (128, 128, 3)
@@ -451,7 +464,7 @@ def test_preview_is_reduced_simulated_image(client):
 def task(**changes) -> dict:
     sensor = om.load_sensor("paper-spherical")
     plain = {
-        "what": "optimise",
+        "kind": "optimise",
         "tables": tables_of(sensor),
         "requirements": None,
         "merit": "worst_blur_deg",
@@ -486,18 +499,18 @@ def test_optimisation_reports_progress(client):
 def test_reason_against_optimisation_is_reported_in_advance(client):
     sensor = om.load_sensor("folded-spherical")
     ((header, _),) = ask(client, question(sensor))
-    assert "has two" in header["facts"]["not_optimised"]
+    assert "has two" in header["summary"]["not_optimised"]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(tables=tables_of(sensor)))
         news = socket.receive_json()
-    assert (news["state"], news["sentence"]) == ("failed", header["facts"]["not_optimised"])
+    assert (news["state"], news["message"]) == ("failed", header["summary"]["not_optimised"])
 
 
 @pytest.mark.full
 def test_optimisation_under_telecentric_lens_keeps_image_size(client):
     sensor = om.load_sensor("paraboloid-telecentric")
     ((header, _),) = ask(client, question(sensor))
-    assert header["facts"]["not_optimised"] is None
+    assert header["summary"]["not_optimised"] is None
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(tables=tables_of(sensor), terms=4))
         news = socket.receive_json()
@@ -545,9 +558,9 @@ def test_remark_reports_form_error(client):
     sensor = om.load_sensor("paper-spherical")
     formed = replace(sensor, mirror_form=MirrorForm((5,), (0.5,)))
     (header, blocks), (_, same) = ask(client, question(formed), question(sensor))
-    assert header["trouble"] is None
-    assert header["remark"].startswith("The file contains a form error of the mirror")
-    assert header["facts"]["not_optimised"].endswith(
+    assert header["error"] is None
+    assert header["note"].startswith("The file contains a form error of the mirror")
+    assert header["summary"]["not_optimised"].endswith(
         "this one has a form error or a tilted imager."
     )
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
@@ -560,12 +573,12 @@ def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
     ).json()
     assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
     (header, blocks), (there, same) = ask(client, question(sensor), question(sensor.aligned()))
-    assert header["trouble"] is None
-    assert "decentred by 1.7 and -0.9 mm, tilted by 0.8 and 0°" in header["remark"]
-    assert there["remark"] is None
+    assert header["error"] is None
+    assert "decentred by 1.7 and -0.9 mm, tilted by 0.8 and 0°" in header["note"]
+    assert there["note"] is None
     np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
-    assert "aligned" in header["facts"]["not_optimised"]
-    change = {"what": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
+    assert "aligned" in header["summary"]["not_optimised"]
+    change = {"target": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
     focused = post(client, "change", tables=tables_of(sensor), **change)
     assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
     for kind in ("table", "report"):
@@ -578,7 +591,7 @@ def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
 def test_rendered_image_includes_misalignment(client):
     sizes = {"width_px": 64, "samples": 1}
     pictures = [
-        post(client, "picture", tables=tables_of(sensor), **sizes).content
+        post(client, "image", tables=tables_of(sensor), **sizes).content
         for sensor in (misaligned(), misaligned().aligned())
     ]
     assert pictures[0] != pictures[1]
@@ -592,11 +605,11 @@ def test_sensor_is_designed_from_requirements(client):
     }
     wanted["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
-        socket.send_json(task(what="design", requirements=wanted))
+        socket.send_json(task(kind="design", requirements=wanted))
         news = socket.receive_json()
         while news["state"] == "running":
             news = socket.receive_json()
-    assert news["sentence"] == "All requirements are met."
+    assert news["message"] == "All requirements are met."
     assert news["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
     assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
 
@@ -625,6 +638,6 @@ def test_progress_is_reported(client, monkeypatch):
         other = client.post("/api/bench/making", json={**asked, "kind": "drawing"}).json()
         go_on.set()
         assert made.result().text == "made"
-    assert told == {"sentence": "Rendering the image", "share": 0.25}
+    assert told == {"message": "Rendering the image", "fraction": 0.25}
     assert other is None
     assert client.post("/api/bench/making", json=asked).json() is None

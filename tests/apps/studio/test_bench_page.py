@@ -27,16 +27,16 @@ EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["I
 WITHOUT_PICTURES = f"""
 if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
 """  # rendering them would use all processors
-NOW = "window.omnimirror.tabs.bench.history.now"
+NOW = "window.omnimirror.tabs.design.history.now"
 CANCEL_AT_FIRST_STEP = """
 new MutationObserver((_, observer) => {
-  const words = [...document.querySelectorAll("#bench .words")].map((e) => e.textContent);
+  const words = [...document.querySelectorAll("#design .words")].map((e) => e.textContent);
   const said = words.find((t) => / step \\d/.test(t));
   if (!said) return;
   observer.disconnect();
   window.seen = said;
-  [...document.querySelectorAll("#bench button")].find((b) => b.textContent === "Cancel").click();
-}).observe(document.querySelector("#bench"), { subtree: true, childList: true, characterData: true });
+  [...document.querySelectorAll("#design button")].find((b) => b.textContent === "Cancel").click();
+}).observe(document.querySelector("#design"), { subtree: true, childList: true, characterData: true });
 """  # messages of a step last a few milliseconds only, so the click is made by a page script
 
 
@@ -61,14 +61,14 @@ def bench(browser, server):
 
 def drawn(page) -> None:
     """Wait for the first drawing."""
-    page.wait_for_selector("#bench .compare tbody td")
+    page.wait_for_selector("#design .compare tbody td")
 
 
 def settled(page) -> None:
     """Wait until the response to the current design has been drawn."""
     page.wait_for_function("""() => {
-      const { bench } = window.omnimirror.tabs;
-      return bench.answers.waiting.size === 0 && bench.answers.onItsWay === null;
+      const { design } = window.omnimirror.tabs;
+      return design.evaluator.waiting.size === 0 && design.evaluator.activeRequest === null;
     }""")
 
 
@@ -79,7 +79,7 @@ def sensor_on(page) -> om.Sensor:
 def plotted(page, title: str) -> np.ndarray:
     """Return field angles and series values of a chart."""
     script = """(title) => {
-      const { charts } = window.omnimirror.tabs.bench.desk;
+      const { charts } = window.omnimirror.tabs.design.plotArea;
       return charts.find((c) => c.chart.title === title).plot.data.map((column) => Array.from(column));
     }"""
     return np.array(page.evaluate(script, title), float)
@@ -141,7 +141,7 @@ def test_cursor_is_shared_by_all_plots(bench):
     chart = bench.get_by_label(re.compile("^Image height against"))
     chart.wait_for()
     chart.hover(position={"x": 120, "y": 70})
-    omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
+    omega = bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega")
     expected = om.evaluate(om.load_sensor("paper-spherical"), [omega])
     figures = bench.locator("figure.plot")
     for title, value in (
@@ -154,7 +154,7 @@ def test_cursor_is_shared_by_all_plots(bench):
         assert value in readout
     section = bench.locator("svg.section").first
     section.hover(position={"x": 300, "y": 70})
-    omega = bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega")
+    omega = bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega")
     assert (
         figures.filter(has_text="Cross-section")
         .locator("output")
@@ -167,7 +167,7 @@ def test_cursor_is_shared_by_all_plots(bench):
     )  # mirror point at the height of the pointer
     chart.focus()
     bench.keyboard.press("ArrowRight")
-    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(
+    assert bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega") == pytest.approx(
         omega + 1
     )
 
@@ -249,11 +249,11 @@ def test_saved_sensor_round_trip(bench, tmp_path):
     bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
     bench.wait_for_function(f"{NOW}.tables.name === 'folded-hyperboloidal'")
     assert bench.get_by_role("heading", name="Second mirror").is_visible()
-    bench.set_input_files("#bench-file", tmp_path / "mine.toml")
+    bench.set_input_files("#design-file", tmp_path / "mine.toml")
     bench.wait_for_function(f"{NOW}.tables.name === 'mine'")
     assert sensor_on(bench) == mine
     (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
-    bench.set_input_files("#bench-file", tmp_path / "bad.toml")
+    bench.set_input_files("#design-file", tmp_path / "bad.toml")
     bench.get_by_text("did you mean sphere?").first.wait_for()
     assert sensor_on(bench) == mine
 
@@ -267,9 +267,9 @@ def test_unbounded_square_is_omitted(bench, tmp_path):
         sphere, name="ring", mirror=SlopeSpline((-1e-3, *slopes[1:]), sphere.mirror.rim_radius_mm)
     )
     save_sensor(ring, tmp_path / "ring.toml")
-    sides = "[...document.querySelectorAll('#bench .strip')[0].querySelectorAll('rect')].map((r) => r.height.baseVal)"
+    sides = "[...document.querySelectorAll('#design .strip')[0].querySelectorAll('rect')].map((r) => r.height.baseVal)"
     before = bench.evaluate(f"{sides}.length")
-    bench.set_input_files("#bench-file", tmp_path / "ring.toml")
+    bench.set_input_files("#design-file", tmp_path / "ring.toml")
     bench.wait_for_function(f"{NOW}.tables.name === 'ring'")
     settled(bench)
     heights = bench.evaluate(f"{sides}.map((height) => height.value)")
@@ -283,7 +283,7 @@ def test_requirements_display_verdict_and_margin(bench, tmp_path):
     e = om.evaluate(sensor, np.linspace(0, 135, 2001))
     blur = np.hypot(
         np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px)), e.airy_px
-    )  # including the Airy disk
+    )  # including the Airy disc
     worst = blur.max()
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)
@@ -304,11 +304,11 @@ def test_requirements_display_verdict_and_margin(bench, tmp_path):
         "[mirror]\nmapping = 'equiangular'\nrim_radius_mm = 40\n"
         "[lens]\ntheta_max_deg = 12\n[[limit]]\nquantity = 'aspect'\nat_least = 0.5\n"
     )
-    bench.set_input_files("#bench-file", tmp_path / "wanted.toml")
+    bench.set_input_files("#design-file", tmp_path / "wanted.toml")
     farthest = bench.get_by_label("Maximum object distance, mm; empty for infinity")
     # An empty one existed before the file was opened.
     bench.wait_for_function(
-        "[...document.querySelectorAll('#bench input')].some((input) => input.value === '12000')"
+        "[...document.querySelectorAll('#design input')].some((input) => input.value === '12000')"
     )
     assert farthest.input_value() == "12000"
     size = bench.viewport_size
@@ -358,7 +358,7 @@ def test_misaligned_sensor_is_opened_reported_and_aligned(bench, tmp_path):
         replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml"
     )
     before = plotted(bench, "Image height")
-    bench.set_input_files("#bench-file", tmp_path / "mine.toml")
+    bench.set_input_files("#design-file", tmp_path / "mine.toml")
     bench.get_by_text("The mirror is misaligned").wait_for()
     assert "()" not in bench.locator(".desk").inner_text()  # no Python
     assert not np.array_equal(plotted(bench, "Image height"), before)
@@ -419,7 +419,8 @@ def test_designs_are_distinguishable_without_colour(bench):
     styles = [swatches.nth(i).get_attribute("stroke-dasharray") for i in range(3)]
     assert len(set(styles)) == 3
     drawn_with = bench.evaluate(
-        "window.omnimirror.tabs.bench.desk.charts[0].plot.series.slice(1).map((s) => (s.dash ?? ['none']).join(' '))"
+        "window.omnimirror.tabs.design.plotArea.charts[0].plot.series.slice(1)"
+        ".map((s) => (s.dash ?? ['none']).join(' '))"
     )
     assert sorted(drawn_with) == sorted(styles)
 
@@ -449,7 +450,7 @@ def test_bench_reconnects_to_server(browser):
         page.add_init_script(WITHOUT_PICTURES)
         page.goto(f"{address}#tab=design")
         drawn(page)
-    page.locator("#bench").get_by_label("Radius", exact=True).fill("52")
+    page.locator("#design").get_by_label("Radius", exact=True).fill("52")
     page.wait_for_function(
         "document.querySelector('#banner').textContent.includes('does not respond')"
     )
@@ -457,7 +458,9 @@ def test_bench_reconnects_to_server(browser):
     with serving(Studio(), int(re.search(r":(\d+)/", address)[1])):
         page.wait_for_function("document.querySelector('#banner').hidden")
         settled(page)
-        page.wait_for_function("window.omnimirror.tabs.bench.found[0].facts.field_deg[1] < 130")
+        page.wait_for_function(
+            "window.omnimirror.tabs.design.evaluations[0].summary.field_deg[1] < 130"
+        )
         assert not np.array_equal(plotted(page, "Image height"), before)
     page.context.close()
 

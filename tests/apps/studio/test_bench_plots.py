@@ -27,7 +27,7 @@ MADE = """() => {
     const added = records.flatMap((record) => [...record.addedNodes]);
     window.made.push(...added.filter((node) => node.nodeType === Node.ELEMENT_NODE).map((node) => node.tagName));
   };
-  for (const place of document.querySelectorAll("#bench .compare, #bench .strip, #bench .marks")) {
+  for (const place of document.querySelectorAll("#design .compare, #design .strip, #design .marks")) {
     new MutationObserver(seen).observe(place, { childList: true, subtree: true });
   }
 }"""
@@ -36,12 +36,12 @@ MADE = """() => {
 def test_moving_slider_reuses_elements(bench):  # noqa: F811
     """New elements would require style and layout by the browser at every step."""
     enter(bench, "F-number", "4.1")  # a pinned design, and a mark at the previous slider position
-    before = bench.locator("#bench .strip").first.inner_html()
+    before = bench.locator("#design .strip").first.inner_html()
     bench.evaluate(MADE)
     for number in (4.2, 4.3, 4.4):
         enter(bench, "F-number", str(number))
     assert bench.evaluate("window.made") == []
-    assert bench.locator("#bench .strip").first.inner_html() != before
+    assert bench.locator("#design .strip").first.inner_html() != before
 
 
 def test_differences_to_pinned_designs_are_plotted_and_saved(bench):  # noqa: F811
@@ -77,7 +77,7 @@ def test_object_sizes_are_plotted_at_the_object_distance(bench):  # noqa: F811
     cylinder = bench.locator("figure.plot").filter(has_text="Object size on a cylinder, mm/px")
     assert cylinder.is_visible()
     assert np.isnan(plotted(bench, "Object size on a cylinder")[1:]).all()  # of objects at infinity
-    bench.get_by_label("At infinity").uncheck()
+    bench.get_by_role("checkbox", name="At infinity").uncheck()
     enter(bench, "Object distance", "700")
     sensor = sensor_on(bench)
     for surface in ("plane", "cylinder"):
@@ -90,7 +90,7 @@ def test_object_sizes_are_plotted_at_the_object_distance(bench):  # noqa: F811
         np.testing.assert_allclose(t[known], truth[known], rtol=1e-4)
         np.testing.assert_allclose(s, result.object_s_mm_per_px, rtol=1e-5)
         range_ = bench.evaluate(
-            "(title) => window.omnimirror.tabs.bench.desk.charts.find((c) => c.chart.title === title).range",
+            "(title) => window.omnimirror.tabs.design.plotArea.charts.find((c) => c.chart.title === title).range",
             f"Object size on a {surface}",
         )
         assert range_[1] <= 8 * np.nanmedian(np.concatenate([t, s]))  # not that of the pole
@@ -126,7 +126,7 @@ COVERED = """() => {
   const said = document.querySelector("#said").getBoundingClientRect();
   const meets = ({ left, right, top, bottom, width }) =>
     width && left < said.right && said.left < right && top < said.bottom && said.top < bottom;
-  const plots = [...document.querySelectorAll("#bench .plot")];
+  const plots = [...document.querySelectorAll("#design .plot")];
   return plots.filter((plot) => meets(plot.getBoundingClientRect())).map((plot) => plot.innerText);
 }"""
 
@@ -183,7 +183,7 @@ def test_all_curves_fit_on_first_screen(pins, bench):  # noqa: F811
         enter(bench, "Focal length", str(12 + number))
         bench.locator(".compare tbody tr").nth(number + 1).wait_for()
     bottoms = bench.evaluate(
-        "[...document.querySelectorAll('#bench .plot:not([hidden]):has(.chart)')].map((f) "
+        "[...document.querySelectorAll('#design .plot:not([hidden]):has(.chart)')].map((f) "
         "=> f.getBoundingClientRect().bottom)"
     )
     assert len(bottoms) == 8
@@ -191,8 +191,8 @@ def test_all_curves_fit_on_first_screen(pins, bench):  # noqa: F811
 
 
 MOVED = """async (count) => {
-  const { bench } = window.omnimirror.tabs;
-  const slider = document.querySelector("#bench input[type=range]");
+  const { design: bench } = window.omnimirror.tabs;
+  const slider = document.querySelector("#design input[type=range]");
   const frame = () => new Promise((done) => requestAnimationFrame(done));
   for (let i = 0; i < count; i++) {
     const before = bench.latencies;

@@ -137,12 +137,14 @@ def test_3d_view_is_returned_on_request(wanted):
     plain = {
         "slot": 0,
         "number": 1,
-        "follows": False,
+        "follows_mapping": False,
         "object_distance_mm": None,
         "requirements": None,
     }
     tables = om.optics.sensor_files.tables_of(SENSORS["decentred"])
-    ask = DesignRequest(**plain, section=False, squares=False, space=wanted, tables=tables)
+    ask = DesignRequest(
+        **plain, include_section=False, include_squares=False, include_3d=wanted, tables=tables
+    )
     told, values = unframed(answer(ask), DesignResponse)
     names = [block.name for block in told.blocks]
     assert ("rays" in names) == ("room" in names) == ("part mirror" in names) == wanted

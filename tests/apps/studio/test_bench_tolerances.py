@@ -27,10 +27,10 @@ LOCAL = "http://127.0.0.1"
 SPH = om.load_sensor("paper-spherical")
 VALUES = {"mirror.decentre_x_mm": 0.1, "mirror.tilt_y_deg": 0.2, "lens.k1": 0.01}
 AT_REST = """() => {
-  const t = window.omnimirror.tabs.bench.tolerances;
+  const t = window.omnimirror.tabs.design.tolerances;
   return t.all && t.last && t.errors.isAtRest && t.built.isAtRest && t.yields.isAtRest;
 }"""
-LAST = "window.omnimirror.tabs.bench.tolerances.last"
+LAST = "window.omnimirror.tabs.design.tolerances.last"
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_yield_matches_tolerance_analysis(client):
     tolerances = om.Tolerances(SPH, {name: om.Tolerance(size) for name, size in errors.items()})
     expected = om.tolerance(SPH, tolerances, limits={"motion_px": 2.0}, trials=1000, seed=3)
     of = expected.statistics.yields
-    assert (found["share"], found["low"], found["high"]) == pytest.approx(
+    assert (found["fraction"], found["low"], found["high"]) == pytest.approx(
         (of.value, of.low, of.high)
     )
     max_tolerance = {row.name: row.merits for row in expected.sensitivities}
@@ -104,7 +104,7 @@ def test_yield_matches_tolerance_analysis(client):
 @pytest.mark.full
 def test_sensors_with_sequential_tracing(client):
     covered = tables_of(replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))))
-    assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_quick"]
+    assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_vectorised"]
     body = {"tables": covered, "values": {"cover.decentre_x_mm": 0.5}, "refocus": "none"}
     header, _ = unframed(client.post("/api/bench/built", json=body).content, AsBuiltResult)
     assert header.lost == 0
@@ -192,7 +192,7 @@ def test_errors_follow_design_and_end_with_panel(bench):  # noqa: F811
     assert bench.get_by_label("Mirror conic", exact=True).count() == 1
     bench.get_by_label("Start from a bundled sensor").select_option("paper-equidistant")
     bench.wait_for_function(
-        "window.omnimirror.tabs.bench.tolerances.tables.mirror.kind === 'even-polynomial'"
+        "window.omnimirror.tabs.design.tolerances.tables.mirror.kind === 'even-polynomial'"
     )
     bench.wait_for_function(AT_REST)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 0

@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.apps.studio._bench_requirements import requirements_for, slider_violations
-from omnimirror.apps.studio._bench_sensors import deformed, sensor_on_bench, why_not_optimised
+from omnimirror.apps.studio._bench_sensors import edited_sensor, sensor_on_bench, why_not_optimised
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio.bench_messages import CurveEdit, SearchTask, SliderRequest, SliderValues
 from omnimirror.base.errors import OmnimirrorError
@@ -32,7 +32,7 @@ def test_dragged_profile_passes_through_point(name):
     for share in (0.3, 0.75, 1.0):
         x = share * rim
         wanted = float(sensor.mirror.sag(x)) - 0.002 * rim
-        mirror = deformed(sensor, CurveEdit(of="profile", at=x, to=wanted)).mirror
+        mirror = edited_sensor(sensor, CurveEdit(of="profile", at=x, to=wanted)).mirror
         assert float(mirror.sag(x)) == pytest.approx(wanted, abs=1e-9)
         moved = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
         assert abs(moved[0]) < 1e-12
@@ -48,7 +48,7 @@ def test_dragged_mapping_passes_through_point(name):
     for share in (0.2, 0.5, 0.8):
         omega = low + share * (high - low)
         wanted = float(om.evaluate(sensor, [omega]).h_px[0]) * 1.02
-        moved = deformed(sensor, CurveEdit(of="mapping", at=omega, to=wanted))
+        moved = edited_sensor(sensor, CurveEdit(of="mapping", at=omega, to=wanted))
         assert om.evaluate(moved, [omega]).h_px[0] == pytest.approx(wanted, abs=0.02)
         assert moved.rim_radius_px == pytest.approx(sensor.rim_radius_px, abs=1e-4)
         np.testing.assert_allclose(moved.field_deg, sensor.field_deg, atol=1e-4)
@@ -57,11 +57,11 @@ def test_dragged_mapping_passes_through_point(name):
 def test_infeasible_deformations_are_rejected():
     sphere = om.load_sensor("paper-spherical")
     with pytest.raises(OmnimirrorError, match="the image height must increase"):
-        deformed(sphere, CurveEdit(of="mapping", at=68.0, to=500.0))
+        edited_sensor(sphere, CurveEdit(of="mapping", at=68.0, to=500.0))
     with pytest.raises(OmnimirrorError, match=r"can be dragged from 0.8781 to 43.905 mm"):
-        deformed(sphere, CurveEdit(of="profile", at=0.1, to=1.0))
+        edited_sensor(sphere, CurveEdit(of="profile", at=0.1, to=1.0))
     with pytest.raises(OmnimirrorError, match="this sensor has two"):
-        deformed(om.load_sensor("folded-spherical"), CurveEdit(of="profile", at=10.0, to=1.0))
+        edited_sensor(om.load_sensor("folded-spherical"), CurveEdit(of="profile", at=10.0, to=1.0))
 
 
 def test_slider_range_agrees_with_verdicts():
@@ -69,9 +69,9 @@ def test_slider_range_agrees_with_verdicts():
     values = tuple(np.linspace(2.0, 9.0, 9))
     slide = SliderValues(path=("lens", "f_number"), values=values)
     asked = SliderRequest(
-        tables=tables_of(sphere), follows=False, requirements=ASKED, slides=(slide,)
+        tables=tables_of(sphere), follows_mapping=False, requirements=ASKED, sliders=(slide,)
     )
-    ((*missed,),) = slider_violations(asked).missed
+    ((*missed,),) = slider_violations(asked).violations
     assert max(missed[0]) > 0 > max(missed[-1])
     for value, shares in zip(values, missed, strict=True):
         tables = tables_of(sphere) | {"lens": tables_of(sphere)["lens"] | {"f_number": value}}
@@ -92,7 +92,7 @@ def drag(page, handle, right: float, down: float) -> tuple[float, float]:
     settled(page)
     there = handle.bounding_box()
     page.mouse.up()
-    page.wait_for_function("!window.omnimirror.tabs.bench.bending.isUnderWay")
+    page.wait_for_function("!window.omnimirror.tabs.design.curveEditing.isActive")
     settled(page)
     return there["x"] - box["x"] - right, there["y"] - box["y"] - down
 
@@ -150,12 +150,12 @@ def test_slider_displays_feasible_range(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
     settled(bench)
     enter(bench, "total_blur_px at most", "8.5")
-    bench.wait_for_function("document.querySelector('#bench .marks .met')")
+    bench.wait_for_function("document.querySelector('#design .marks .met')")
     said = bench.get_by_label("F-number, slider", exact=True).get_attribute("title")
     low, high = map(float, re.search(r"are met at ([\d.]*\d) to ([\d.]*\d)", said).groups())
     for f_number, is_met in ((low - 0.2, False), (low + 0.2, True), (high - 0.2, True)):
         enter(bench, "F-number", f"{f_number:g}")
-        assert ("All" in bench.locator("#bench .verdict").first.inner_text()) == is_met
+        assert ("All" in bench.locator("#design .verdict").first.inner_text()) == is_met
 
 
 def test_search_enforces_limits_on_request():
@@ -168,7 +168,7 @@ def test_search_enforces_limits_on_request():
     for keeps in (False, True):
         news = []
         task = SearchTask(
-            what="optimise",
+            kind="optimise",
             tables=sphere,
             requirements=wanted,
             object_distance_mm=None,

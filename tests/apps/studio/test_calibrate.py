@@ -39,7 +39,7 @@ from .boards import ASKED, BLANK, BOARD, CAMERA, WHOLE, photograph, png
 LOCAL = "http://127.0.0.1"
 ASK = {
     "board": ASKED,
-    "pictures": WHOLE,
+    "images": WHOLE,
     "model": "unified",
     "optics": "mirror",
     "camera_looks": "up",
@@ -111,7 +111,7 @@ def test_board_detection_in_uploaded_image(client):
     )
     assert len(off) == BOARD.corner_count
     assert off.max() < 0.3
-    quick = look(client, png(0), quick=True).json()
+    quick = look(client, png(0), fast=True).json()
     np.testing.assert_allclose(quick["corners_px"], found["corners_px"])
 
 
@@ -130,9 +130,7 @@ def test_image_formats_of_calibration_datasets(kind, client):
     """OCamCalib sets contain GIFs; machine-vision programs write PGM."""
     file = io.BytesIO()
     Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
-    assert look(client, file.getvalue(), quick=True).json()["ids"] == list(
-        range(BOARD.corner_count)
-    )
+    assert look(client, file.getvalue(), fast=True).json()["ids"] == list(range(BOARD.corner_count))
 
 
 @pytest.mark.parametrize(
@@ -189,7 +187,7 @@ def test_joint_analysis_of_images(seen):
     small = detection_message(om.find_board(photograph(1).image[:400], BOARD, name="small.png"))
     ask = MultiImageRequest(
         board=BoardSpec(**ASKED),
-        pictures=(*seen, small),
+        detections=(*seen, small),
         centre_px=CAMERA.centre_px,
         radius_px=200.0,
         candidate=seen[2],
@@ -201,12 +199,12 @@ def test_joint_analysis_of_images(seen):
         == "its size of 480 x 400 px differs from that of the others, 480 x 480 px"
     )
     assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in seen)
-    assert answer.not_new == "its view of the board is similar to 2.png"
+    assert answer.candidate_reason == "its view of the board is similar to 2.png"
     assert answer.advice[0].startswith("Capture more images: 6 are used")
-    few = together(ask.model_copy(update={"pictures": tuple(seen[:2])}))
-    assert few.not_new is None
-    empty = np.sum(np.array(few.coverage.counts) < few.coverage.enough)
-    assert empty > np.sum(np.array(answer.coverage.counts) < answer.coverage.enough)
+    few = together(ask.model_copy(update={"detections": tuple(seen[:2])}))
+    assert few.candidate_reason is None
+    empty = np.sum(np.array(few.coverage.counts) < few.coverage.min_corners)
+    assert empty > np.sum(np.array(answer.coverage.counts) < answer.coverage.min_corners)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +224,7 @@ def test_invalid_corners_are_rejected(wrong, client, seen):
     assert len(taken(short, BOARD).ids) == 2
     ask = {
         "board": ASKED,
-        "pictures": [short.model_copy(update=wrong).model_dump()],
+        "detections": [short.model_copy(update=wrong).model_dump()],
         "centre_px": None,
         "radius_px": None,
     }
@@ -237,10 +235,10 @@ def test_invalid_corners_are_rejected(wrong, client, seen):
 
 def test_calibration_reports_progress_and_camera(news, seen):
     assert [n["state"] for n in news[-2:]] == ["done", "reported"]
-    shares = [n["share"] for n in news[:-1]]
-    assert all(n["state"] == "running" and n["sentence"] for n in news[:-2])
+    shares = [n["fraction"] for n in news[:-1]]
+    assert all(n["state"] == "running" and n["message"] for n in news[:-2])
     assert shares == sorted(shares)
-    found = news[-2]["found"]
+    found = news[-2]["result"]
     detections = compared([taken(s, BOARD) for s in seen], BOARD)  # as for jointly detected images
     direct = om.calibrate_camera(detections, BOARD, model="unified", board_shape=False)
     assert found["rms_px"] == pytest.approx(direct.rms_px, rel=1e-6)
@@ -250,7 +248,7 @@ def test_calibration_reports_progress_and_camera(news, seen):
     assert (
         np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5
     )  # px, relative to the truth
-    residuals = [r for p in found["pictures"] for r in p["residuals"]]
+    residuals = [r for p in found["images"] for r in p["residuals"]]
     assert np.sqrt(np.mean(np.sum(np.array(residuals)[:, 2:] ** 2, axis=1))) == pytest.approx(
         found["rms_px"], rel=1e-3
     )
@@ -266,10 +264,10 @@ def test_report_is_self_contained_and_escaped(news):
 @pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.full)])
 def test_undistorted_board_is_regular(number, client, news):
     """Corners detected in the view form a lattice, unlike those in the image."""
-    found = news[-2]["found"]
-    place = next(p for p in found["places"] if p["picture"] == f"{number}.png")
+    found = news[-2]["result"]
+    place = next(p for p in found["poses"] if p["image"] == f"{number}.png")
     header = json.dumps(
-        {"camera_file": found["camera_file"], "place": place, "name": "here.png"}
+        {"camera_file": found["camera_file"], "pose": place, "name": "here.png"}
     ).encode()
     answer = client.post(
         "/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(number)
@@ -285,7 +283,7 @@ def test_undistorted_board_is_regular(number, client, news):
     )  # either end is valid
     off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
     assert off < 1.0
-    outcome = found["pictures"][number]
+    outcome = found["images"][number]
     assert 0 < outcome["line_deviation_px"] < 0.5
 
 
@@ -303,11 +301,11 @@ def test_invalid_framed_requests_are_rejected(client):
 
 
 def test_board_without_extent_is_rejected(client, news):
-    found = news[-2]["found"]
+    found = news[-2]["result"]
     for high in ([-900.0, 10.0], [1e308, 1e308]):
-        place = found["places"][0] | {"high_mm": high}
+        place = found["poses"][0] | {"high_mm": high}
         header = json.dumps(
-            {"camera_file": found["camera_file"], "place": place, "name": "here.png"}
+            {"camera_file": found["camera_file"], "pose": place, "name": "here.png"}
         ).encode()
         answer = client.post(
             "/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0)
@@ -326,10 +324,10 @@ def performed(ask: dict, seen: list[BoardDetection], steps: int = 10**6) -> list
 def test_stopped_calibration_keeps_result(seen):
     *_, done, reported = performed(ASK, seen, 2)
     assert (done.state, reported.state) == ("done", "reported")
-    assert not done.found.is_complete
-    assert "stopped early" in done.found.notes[0]
+    assert not done.result.is_complete
+    assert "stopped early" in done.result.notes[0]
     assert (
-        performed(ASK, seen, -1)[-1].sentence == "the calibration was stopped before the first fit"
+        performed(ASK, seen, -1)[-1].message == "the calibration was stopped before the first fit"
     )
 
 
@@ -339,8 +337,8 @@ def test_failed_calibration_reports_image_names(seen):
     )
     *_, failed = performed(ASK, [*seen[:2], blank])
     assert failed.state == "failed"
-    assert "in 2 of 3 images" in failed.sentence
-    assert "dark.png: the image is blank" in failed.sentence
+    assert "in 2 of 3 images" in failed.message
+    assert "dark.png: the image is blank" in failed.message
 
 
 @pytest.mark.full
@@ -350,10 +348,10 @@ def test_similar_video_frames_are_used_once(seen):
         for n in (0, 9)
         for i, s in enumerate(seen)
     ]
-    *_, done, _ = performed(ASK | {"pictures": len(frames)}, frames)
-    used = [p for p in done.found.pictures if p.used]
+    *_, done, _ = performed(ASK | {"images": len(frames)}, frames)
+    used = [p for p in done.result.images if p.used]
     assert len(used) == len(seen)
-    assert all("is similar to" in p.reason for p in done.found.pictures if not p.used)
+    assert all("is similar to" in p.reason for p in done.result.images if not p.used)
 
 
 def test_invalid_calibration_request_closes_socket(client):

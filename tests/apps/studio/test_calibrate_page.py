@@ -81,8 +81,8 @@ def add(page, paths) -> None:
     page.set_input_files("#calibrate-files", paths)
     page.wait_for_function(
         f"""(count) => {{ const tab = {TAB};
-        return tab.shots.all.length >= count && tab.shots.waiting === 0 && tab.shots.all.every((s) => s.thumbnail)
-          && tab.together?.reasons.length === tab.shots.all.filter((s) => s.seen).length; }}""",
+        return tab.images.all.length >= count && tab.images.waiting === 0 && tab.images.all.every((s) => s.thumbnail)
+          && tab.analysis?.reasons.length === tab.images.all.filter((s) => s.detection).length; }}""",
         arg=len(paths),
     )
 
@@ -91,7 +91,7 @@ def calibrate(page) -> dict:
     """Press the button, and wait for the report."""
     begin(page).click()
     page.wait_for_function(f"{TAB}.report !== null")
-    return page.evaluate(f"{TAB}.found")
+    return page.evaluate(f"{TAB}.result")
 
 
 def downloaded(page, name: str) -> str:
@@ -104,7 +104,7 @@ def test_calibration_workflow_with_reload(page, files):
     add(page, files[:3])
     corners = page.locator("#calibrate .shots path.corners")
     assert corners.count() == 3
-    drawn = page.evaluate(f"{TAB}.shots.all[1].seen.corners_px")
+    drawn = page.evaluate(f"{TAB}.images.all[1].detection.corners_px")
     expected = om.find_board(photograph(1).image, BOARD).corners_px
     np.testing.assert_allclose(drawn, expected, atol=1e-3)
     assert corners.nth(1).get_attribute("d").count("M") == 2 * len(expected)  # one cross each
@@ -117,7 +117,7 @@ def test_calibration_workflow_with_reload(page, files):
     assert "Calibration: unified" in downloaded(page, "Report")
     page.reload()
     page.locator("#calibrate .headline").wait_for()
-    assert page.evaluate(f"{TAB}.found") == found
+    assert page.evaluate(f"{TAB}.result") == found
     page.locator("#calibrate .shots button").nth(2).click()
     page.get_by_text("maximum deviation of corners").wait_for()
     assert (
@@ -143,13 +143,13 @@ def test_reload_restores_result_and_changes_discard_it(page, files):
     found = calibrate(page)
     page.reload()
     page.locator("#calibrate .headline").wait_for()
-    assert page.evaluate(f"{TAB}.found") == found
+    assert page.evaluate(f"{TAB}.result") == found
     assert page.get_by_label("Columns", exact=True).input_value() == "7"
-    assert [s["name"] for s in page.evaluate(f"{TAB}.shots.all")] == [p.name for p in files[:3]]
+    assert [s["name"] for s in page.evaluate(f"{TAB}.images.all")] == [p.name for p in files[:3]]
     page.locator("#calibrate .shots button").first.click()
     button(page, "Remove image").click()
     page.locator("#calibrate .headline").wait_for(state="detached")
-    assert page.evaluate(f"{TAB}.shots.all.length") == 2
+    assert page.evaluate(f"{TAB}.images.all.length") == 2
     button(page, "Clear").click()
     page.reload()
     page.get_by_text("Drop images of a target here").wait_for()
@@ -161,22 +161,22 @@ SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });""" 
 @pytest.mark.full
 def test_reload_before_storage_keeps_change(page, files):
     add(page, files[:3])
-    kept = page.evaluate(f"{TAB}.shots.all.map((s) => s.key)")
+    kept = page.evaluate(f"{TAB}.images.all.map((s) => s.key)")
     page.reload()
-    page.wait_for_function(f"{TAB}?.shots.found.length === 3")
+    page.wait_for_function(f"{TAB}?.images.result.length === 3")
     page.evaluate(SLOW)
     page.get_by_label("Square, mm").fill("31")
     page.get_by_label("Square, mm").blur()
-    page.wait_for_function(f"{TAB}.shots.waiting === 0")
+    page.wait_for_function(f"{TAB}.images.waiting === 0")
     page.locator("#calibrate .shots button").first.click()
     button(page, "Remove image").click()
     page.set_input_files("#calibrate-files", files[3])
-    page.wait_for_function(f"{TAB}.shots.all.length === 3")
+    page.wait_for_function(f"{TAB}.images.all.length === 3")
     page.reload()
     page.get_by_text(
         f"The page was closed before {files[3].name} was stored; add it again."
     ).wait_for()
-    assert page.evaluate(f"{TAB}.shots.all.map((s) => s.key)") == kept[1:]
+    assert page.evaluate(f"{TAB}.images.all.map((s) => s.key)") == kept[1:]
     assert page.get_by_label("Square, mm").input_value() == "31"
 
 
@@ -198,7 +198,7 @@ def test_press_after_field_change_is_not_lost(page, files):
     page.wait_for_function(f"{TAB}.together !== null")
     page.locator("#calibrate .state").wait_for()
     assert page.evaluate(CHANGED) == [0, 0]
-    page.wait_for_function(f"{TAB}.shots.found.length === 3")
+    page.wait_for_function(f"{TAB}.images.result.length === 3")
 
 
 @pytest.mark.full
@@ -239,7 +239,7 @@ def test_cancel_keeps_previous_and_stop_keeps_current_result(page, files):
     page.evaluate(press, "Cancel")
     begin(page).click()
     page.get_by_text("Cancelled.").wait_for()
-    assert page.evaluate(f"{TAB}.found") is None
+    assert page.evaluate(f"{TAB}.result") is None
     assert begin(page).is_enabled()
     page.get_by_label("Model").select_option("auto")
     page.evaluate(press, "Stop and keep the result")
@@ -252,7 +252,7 @@ def test_cancel_keeps_previous_and_stop_keeps_current_result(page, files):
 def test_webcam_captures_new_positions_only(page):
     button(page, "Use the webcam").click()
     page.locator("#calibrate video").wait_for()
-    taken = f"{TAB}.shots.found.length"
+    taken = f"{TAB}.images.result.length"
     advice = page.locator("#calibrate .webcam .advice")
     for count, number in enumerate((0, 4), 1):
         page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(number)).decode())
@@ -270,7 +270,7 @@ def test_webcam_captures_new_positions_only(page):
     wanted = page.locator("#calibrate .live path.wanted").get_attribute("d")
     assert wanted.count("Z") > 8  # uncovered parts of the field
     button(page, "Capture image").click()
-    page.wait_for_function(f"{TAB}.shots.all.length === 3")
+    page.wait_for_function(f"{TAB}.images.all.length === 3")
     assert advice.inner_text()
     button(page, "Close webcam").click()
     assert page.locator("#calibrate video").count() == 0
@@ -300,10 +300,10 @@ def test_video_frames_are_added(page, tmp_path):
                 out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         out.mux(stream.encode())
     page.set_input_files("#calibrate-files", path)
-    page.wait_for_function(f"{TAB}.shots.all.length >= 2 && {TAB}.shots.waiting === 0")
-    shots = page.evaluate(f"{TAB}.shots.all")
+    page.wait_for_function(f"{TAB}.images.all.length >= 2 && {TAB}.images.waiting === 0")
+    shots = page.evaluate(f"{TAB}.images.all")
     assert shots[0]["name"] == "ride.webm at 0.25 s"
-    assert [len(s["seen"]["ids"]) for s in shots] == [35] * len(shots)
+    assert [len(s["detection"]["ids"]) for s in shots] == [35] * len(shots)
     assert "ride.webm --board 7x5" in page.locator("#calibrate .command code").inner_text()
 
 

@@ -52,9 +52,7 @@ def test_ctrl_c_ends_server_with_open_connections(before, tmp_path):
     ) as server:
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
         until_it_listens(port)
-        head = (
-            f"POST /api/pictures HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
-        )
+        head = f"POST /api/convert HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
         with (
             connect(f"ws://127.0.0.1:{port}/api/stream?id=source") as stream,
             socket.create_connection(("127.0.0.1", port)) as upload,
@@ -87,7 +85,7 @@ def test_sigterm_ends_server_and_its_searches():
     from websockets.sync.client import connect
 
     task = {
-        "what": "optimise",
+        "kind": "optimise",
         "tables": tables_of(om.load_sensor("paper-spherical")),
         "requirements": None,
         "terms": 12,

@@ -16,7 +16,7 @@ from .browser import command, drawn
 from .firefox import running
 from .pictures import pattern, psnr, python_view
 
-LOOK, BENCH = "window.omnimirror.look", "window.omnimirror.tabs.bench"
+LOOK, BENCH = "window.omnimirror.look", "window.omnimirror.tabs.design"
 
 
 @pytest.fixture(scope="module")
@@ -53,22 +53,22 @@ def test_views_match_command_line(page, server, tmp_path, mode, name):
 def test_slider_updates_plots(page, server):
     page.go("about:blank")
     page.go(f"{server}#tab=design")
-    page.wait(f"{BENCH}.found[0].facts")
-    before = page.evaluate(f"{BENCH}.found[0].facts.field_deg[1]")
-    page.press('#bench input[type="range"]')
-    page.press('#bench input[type="number"]')
-    focused = "document.activeElement.matches('#bench input[type=number]')"
+    page.wait(f"{BENCH}.evaluations[0].summary")
+    before = page.evaluate(f"{BENCH}.evaluations[0].summary.field_deg[1]")
+    page.press('#design input[type="range"]')
+    page.press('#design input[type="number"]')
+    focused = "document.activeElement.matches('#design input[type=number]')"
     page.wait(focused)
     page.keys("\ue009a\ue000", "45", "\ue007")  # Control and a, a number, Enter
-    page.wait(f"{BENCH}.found[0].facts.field_deg[1] !== {before}")
+    page.wait(f"{BENCH}.evaluations[0].summary.field_deg[1] !== {before}")
     assert page.evaluate(f"{BENCH}.history.now.tables.mirror.radius_mm") == 45.0
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, mirror=Sphere(45.0, sensor.mirror.rim_radius_mm))
-    assert page.evaluate(f"{BENCH}.found[0].facts.field_deg[1]") == pytest.approx(
+    assert page.evaluate(f"{BENCH}.evaluations[0].summary.field_deg[1]") == pytest.approx(
         sensor.field_deg[1]
     )
     drawn_curves = (
-        "[...document.querySelectorAll('#bench .uplot canvas')].filter((c) => c.width > 0).length"
+        "[...document.querySelectorAll('#design .uplot canvas')].filter((c) => c.width > 0).length"
     )
     assert page.evaluate(drawn_curves) >= 8
 
@@ -91,8 +91,8 @@ def test_page_without_server_displays_views_and_designs(page, tmp_path):
     page.wait(f"{LOOK}.feed")
     assert (drawn(page, 200, 100)[..., 3] > 0).mean() > 0.5
     page.press('#tabs button[value="design"]')
-    page.wait(f"{BENCH}.found[0].facts")
-    curve = page.evaluate(f"[...{BENCH}.found[0].block('curves').column('blur_s_px')]")
+    page.wait(f"{BENCH}.evaluations[0].summary")
+    curve = page.evaluate(f"[...{BENCH}.evaluations[0].block('curves').column('blur_s_px')]")
     sensor = om.load_sensor("paper-spherical")
     wanted = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(curve))).blur_s_px
     np.testing.assert_allclose(curve, wanted, rtol=1e-6, atol=1e-5)

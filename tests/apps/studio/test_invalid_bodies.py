@@ -28,7 +28,7 @@ from .boards import ASKED, BLANK
 
 LOCAL = "http://127.0.0.1"
 TABLES = tables_of(om.load_sensor("paper-spherical"))
-FOLLOWS = {"tables": TABLES, "follows": False}
+FOLLOWS = {"tables": TABLES, "follows_mapping": False}
 DISTANCE = {"object_distance_mm": None}
 REQUIRED = {
     "field": {"omega_max_deg": 90.0},
@@ -56,7 +56,7 @@ SEEN = {
     "time_s": None,
 }
 PLACE = {
-    "picture": "a.png", "rotation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], "shift_mm": [0.0, 0.0, 300.0],
+    "image": "a.png", "rotation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], "shift_mm": [0.0, 0.0, 300.0],
     "low_mm": [0.0, 0.0], "high_mm": [90.0, 60.0], "margin_mm": 5.0, "px_per_mm": 1.0, "is_upwards": True,
 }  # fmt: skip
 SLIDES = [{"path": ["lens", "focal_length_mm"], "values": [11.0, 12.0]}]
@@ -64,12 +64,12 @@ ALLOWED = [{"name": "decentre_mm", "tolerance": 0.1}]
 
 BODIES: dict[str, Any] = {
     "/api/sensor-file": FITTED,
-    "/api/bench/slides": {**FOLLOWS, "requirements": REQUIRED, "slides": SLIDES},
-    "/api/bench/change": {"tables": TABLES, **DISTANCE, "what": "mirror", "to": "cone"},
+    "/api/bench/slides": {**FOLLOWS, "requirements": REQUIRED, "sliders": SLIDES},
+    "/api/bench/change": {"tables": TABLES, **DISTANCE, "target": "mirror", "to": "cone"},
     "/api/bench/making": {"tables": TABLES, **DISTANCE, "kind": "table"},
     "/api/bench/file": {"tables": TABLES, **DISTANCE, "kind": "sensor"},
     "/api/bench/requirements": {"tables": TABLES, "requirements": REQUIRED},
-    "/api/bench/picture": {"tables": TABLES, "width_px": 32, "samples": 1},
+    "/api/bench/image": {"tables": TABLES, "width_px": 32, "samples": 1},
     "/api/bench/errors": {"tables": TABLES},
     "/api/bench/built": {"tables": TABLES, "values": {"decentre_mm": 0.1}, "refocus": "none"},
     "/api/bench/yield": {
@@ -83,7 +83,7 @@ BODIES: dict[str, Any] = {
     },
     "/api/calibrate/together": {
         "board": ASKED,
-        "pictures": [SEEN],
+        "detections": [SEEN],
         "centre_px": None,
         "radius_px": None,
         "candidate": None,
@@ -92,10 +92,10 @@ BODIES: dict[str, Any] = {
 BEFORE_FILES: dict[str, Any] = {
     "/api/level": {**FITTED, "name": "a.png"},
     "/api/restore": {**FITTED, "name": "a.png", **DISTANCE},
-    "/api/calibrate/straight": {"camera_file": "", "place": PLACE, "name": "a.png"},
+    "/api/calibrate/straight": {"camera_file": "", "pose": PLACE, "name": "a.png"},
 }
 """Messages that precede a file in the body."""
-FILES = {"/api/sensors", "/api/bench/open", "/api/pictures", "/api/rim", "/api/calibrate/look"}
+FILES = {"/api/sensors", "/api/bench/open", "/api/convert", "/api/rim", "/api/calibrate/look"}
 """Routes whose body is a file."""
 SOCKETS: dict[str, Any] = {
     "/api/bench/ask": {
@@ -103,12 +103,12 @@ SOCKETS: dict[str, Any] = {
         "number": 1,
         **FOLLOWS,
         **DISTANCE,
-        "section": False,
-        "squares": False,
+        "include_section": False,
+        "include_squares": False,
         "requirements": REQUIRED,
     },
     "/api/bench/work": {
-        "what": "design",
+        "kind": "design",
         "tables": TABLES,
         "requirements": REQUIRED,
         **DISTANCE,
@@ -119,7 +119,7 @@ SOCKETS: dict[str, Any] = {
     },
     "/api/calibrate/work": {
         "board": ASKED,
-        "pictures": 2,
+        "images": 2,
         "model": "unified",
         "optics": "mirror",
         "camera_looks": "up",
@@ -408,9 +408,9 @@ def test_invalid_json_is_rejected_with_reason(body, sentence):
 @pytest.mark.parametrize(
     ("message", "sentence"),
     [
-        ({"sentence": "no"}, "path must be given"),
-        ({"path": [], "sentence": "no", "more": 1}, "more is unknown; remove it"),
-        ({"path": [], "sentence": 3}, "sentence must be a valid string; got 3"),
+        ({"message": "no"}, "path must be given"),
+        ({"path": [], "message": "no", "more": 1}, "more is unknown; remove it"),
+        ({"path": [], "message": 3}, "message must be a valid string; got 3"),
         ([], "the body must be a valid dictionary or instance of ApiError; got []"),
     ],
 )
@@ -457,13 +457,13 @@ class Socket:
 
 
 def test_socket_message_is_text_or_disconnect():
-    text = '{"path": [], "sentence": "no"}'
+    text = '{"path": [], "message": "no"}'
     received = in_a_loop(
         request_bodies.receive_message(
             Socket({"type": "websocket.receive", "text": text}), ApiError
         )
     )
-    assert received == ApiError(path=(), sentence="no")
+    assert received == ApiError(path=(), message="no")
     with pytest.raises(
         request_bodies.InvalidMessage, match="must be JSON text; got a binary message"
     ):
@@ -491,11 +491,11 @@ def test_close_reason_fits_frame_and_ends_with_complete_character():
 
 @pytest.mark.parametrize("sentence", ["", "a", "ab", "abc", "ö" * 300])
 def test_framed_message_has_documented_layout(sentence):
-    message, parts = ApiError(path=("lens",), sentence=sentence), (b"\x00\x01", b"", b"file")
+    message, parts = ApiError(path=("lens",), message=sentence), (b"\x00\x01", b"", b"file")
     data = _http_messages.framed(message, *parts)
     (length,) = struct.unpack("<I", data[:4])
     assert length % 4 == 0
-    assert json.loads(data[4 : 4 + length]) == {"path": ["lens"], "sentence": sentence}
+    assert json.loads(data[4 : 4 + length]) == {"path": ["lens"], "message": sentence}
     assert len(data[4 : 4 + length].rstrip()) > length - 4
     assert data[4 + length :] == b"".join(parts)
     assert _http_messages.unframed(data, ApiError) == (message, b"".join(parts))
@@ -513,7 +513,7 @@ def test_frame_without_message_is_rejected(size):
 def test_openapi_describes_framed_bodies_and_refusals():
     """The statuses that the server may return for any route, names of files, and files as bodies."""
     schema = api(Studio()).openapi()
-    route = schema["paths"]["/api/pictures"]["post"]
+    route = schema["paths"]["/api/convert"]["post"]
     assert set(route["responses"]) == {
         "200",
         "400",

@@ -43,7 +43,7 @@ def settled(page) -> None:
     """Wait until the server camera has the tilt of the dragged one."""
     page.wait_for_function("""() => {
       const { look: { sensor }, store: { state } } = window.omnimirror;
-      return sensor.camera === sensor.fetched && state.pitch === sensor.camera.model.mount.pitch_deg
+      return sensor.camera === sensor.loadedCamera && state.pitch === sensor.camera.model.mount.pitch_deg
         && state.roll === sensor.camera.model.mount.roll_deg;
     }""")
 
@@ -132,7 +132,7 @@ def test_tilt_is_estimated_from_vertical_edges(page, tmp_path):
         tmp_path / "leaned.png", om.render_image(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1)
     )
     drop(page, tmp_path / "leaned.png")
-    page.wait_for_function("window.omnimirror.look.level.seen?.feed.name === 'leaned.png'")
+    page.wait_for_function("window.omnimirror.look.level.current?.feed.name === 'leaned.png'")
     page.get_by_role("button", name="Find level").click()
     page.wait_for_function("window.omnimirror.store.state.pitch !== null")
     settled(page)
@@ -146,7 +146,7 @@ def test_tilt_is_estimated_from_vertical_edges(page, tmp_path):
 def test_too_few_vertical_edges(page):
     look(page, sensor="paper-hyperboloidal")
     page.wait_for_function(
-        "window.omnimirror.look.level.seen?.camera.model.id === 'paper-hyperboloidal'"
+        "window.omnimirror.look.level.current?.camera.model.id === 'paper-hyperboloidal'"
     )
     page.get_by_role("button", name="Find level").click()
     page.get_by_role("status").filter(has_text="too few vertical edges").wait_for()

@@ -407,7 +407,7 @@ def test_narrow_page_has_no_overflow(browser, server, room):
     look(page, sensor="ball:300")
     page.wait_for_selector("#ball-row:visible")
     look(page, tab="design")
-    page.wait_for_selector("#bench .compare tbody td")
+    page.wait_for_selector("#design .compare tbody td")
     assert header.bounding_box()["height"] < 100
     page.get_by_role("button", name="Download").click()
     assert page.get_by_role("button", name="Drawing (PDF)").is_visible()

@@ -37,9 +37,9 @@ def project(browser, server, tmp_path_factory):
     look(page, **STATE)
     page.get_by_role("button", name="Store view").click()
     page.get_by_role("button", name="Design", exact=True).click()
-    page.wait_for_selector("#bench .compare tbody td")
+    page.wait_for_selector("#design .compare tbody td")
     page.get_by_role("button", name="Pin", exact=True).click()
-    page.locator("#bench").get_by_label("F-number", exact=True).fill(
+    page.locator("#design").get_by_label("F-number", exact=True).fill(
         "5.5"
     )  # without pressing a key
     page.locator("#tabs").get_by_role("button", name="Look").click()
@@ -65,7 +65,7 @@ def test_project_reproduces_pixels_on_another_page(project, browser, server):
     assert {**found, "design": ""} == {**state, "design": ""}
     np.testing.assert_array_equal(drawn(page, 160, 120), pixels)
     page.get_by_role("button", name="Design", exact=True).click()
-    page.wait_for_selector("#bench .compare tbody td")
+    page.wait_for_selector("#design .compare tbody td")
     assert page.evaluate(f"{NOW}.tables.lens.f_number") == 5.5
     page.get_by_role("button", name="Unpin").wait_for()
     page.get_by_role("button", name="Undo", exact=True).click()

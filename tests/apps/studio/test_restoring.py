@@ -89,7 +89,7 @@ def test_server_restoration_matches_library(picture, restored, tmp_path):
             5 * np.abs(found.astype(int) - half).mean()
             < np.abs(found.astype(int) - restored).mean()
         )
-        converted = client.post("/api/pictures", content=png, params={"name": "p.png"}).content
+        converted = client.post("/api/convert", content=png, params={"name": "p.png"}).content
         assert Image.open(io.BytesIO(converted)).getexif().get_ifd(0x8769)[0x829D] == 0.6
         assert asked(id="ball:300").status_code == 400
         assert asked(image_size=[100, 100]).status_code == 400

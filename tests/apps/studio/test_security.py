@@ -95,8 +95,8 @@ def answers(client: TestClient, tables: dict) -> list[str]:
     questions = {
         "requirements": {**on, "requirements": wanted},
         "file": {**on, **distance, "kind": "sensor"},
-        "picture": {**on, "width_px": 32, "samples": 1},
-        "change": {**on, **distance, "what": "mirror", "to": "cone"},
+        "image": {**on, "width_px": 32, "samples": 1},
+        "change": {**on, **distance, "target": "mirror", "to": "cone"},
     }
     said = [
         client.post(way, content=tomli_w.dumps(tables)).text
@@ -105,11 +105,17 @@ def answers(client: TestClient, tables: dict) -> list[str]:
     asked = ("requirements",) if wanted else questions
     said += [client.post(f"/api/bench/{way}", json=questions[way]).text for way in asked]
     with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
-        plain = {"slot": 0, "number": 1, "follows": False, "section": False, "squares": False}
+        plain = {
+            "slot": 0,
+            "number": 1,
+            "follows_mapping": False,
+            "include_section": False,
+            "include_squares": False,
+        }
         socket.send_json({**plain, **on, **distance, "requirements": wanted or None})
         said.append(str(socket.receive()))
     search = {
-        "what": "design",
+        "kind": "design",
         "merit": "worst_blur_deg",
         "shape": "spline",
         "terms": 1,
@@ -117,7 +123,7 @@ def answers(client: TestClient, tables: dict) -> list[str]:
     }
     perform(
         SearchTask(**search, **on, **distance, requirements=wanted or None),
-        lambda news: said.append(news.sentence),
+        lambda news: said.append(news.message),
     )
     return said
 
@@ -614,7 +620,7 @@ def test_full_disk_is_reported(client, monkeypatch):
 
     monkeypatch.setattr(_uploads.tempfile, "TemporaryDirectory", full)
     tiff = cv2.imencode(".tif", np.zeros((4, 4, 3), np.uint16))[1].tobytes()
-    answer = client.post("/api/pictures", content=tiff)
+    answer = client.post("/api/convert", content=tiff)
     assert answer.status_code == 507
     assert (
         answer.json()["detail"]
@@ -635,7 +641,7 @@ def test_requests_that_other_sites_embed_are_rejected(client):
     """An image, script or frame of the studio in a foreign page; links to the page may be followed."""
     for site in ("cross-site", "same-site"):
         assert fetch(client, "/api/room?id=ball:123.4", site) == 403
-        assert fetch(client, "/bench.js", site) == 403
+        assert fetch(client, "/design.js", site) == 403
         assert fetch(client, "/api/start", site, "navigate") == 403
         assert fetch(client, "/", site) == 403
         assert fetch(client, "/", site, "navigate") == 200
@@ -932,7 +938,7 @@ def test_browser_is_redirected_to_address_without_token(browser):
         assert "tab=design" in page.url
         told = page.evaluate("""() => new Promise((resolve) => {
           const socket = new WebSocket(location.href.split(/[?#]/)[0].replace(/^http/, "ws") + "api/stream?id=none");
-          socket.onmessage = (message) => resolve(JSON.parse(message.data).sentence);
+          socket.onmessage = (message) => resolve(JSON.parse(message.data).message);
           socket.onerror = () => resolve("refused");
         })""")
         assert told == "unknown stream 'none'"
@@ -944,7 +950,7 @@ def test_browser_is_redirected_to_address_without_token(browser):
 # ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", ["/", "/bench.js", "/space.js", "/calibrate.js"])
+@pytest.mark.parametrize("path", ["/", "/design.js", "/space.js", "/calibrate.js"])
 def test_page_is_compressed_and_cached(path, client):
     whole = client.get(path, headers={"accept-encoding": "identity"})
     compressed = client.get(path, headers={"accept-encoding": "gzip"})
@@ -1090,4 +1096,4 @@ def test_unresponsive_stream_ends_with_message(monkeypatch):
             told = page.receive_json()
             while told["state"] != "ended":
                 told = page.receive_json()
-    assert told["sentence"].startswith(f"no frame from {address} for")
+    assert told["message"].startswith(f"no frame from {address} for")

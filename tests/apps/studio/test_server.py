@@ -69,9 +69,9 @@ def test_outline_of_uploaded_image(client):
     found = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
     assert found["centre_px"] == pytest.approx([170, 110], abs=0.5)
     assert found["radius_px"] == pytest.approx(90, abs=0.7)
-    assert found["is_sure"]
+    assert found["is_reliable"]
     empty = cv2.imencode(".png", np.full((100, 200), 90, np.uint8))[1].tobytes()
-    assert not client.post("/api/rim", content=empty).json()["is_sure"]
+    assert not client.post("/api/rim", content=empty).json()["is_reliable"]
     refused = client.post("/api/rim", content=b"no picture")
     assert refused.status_code == 400
     assert "must be an image" in sentence(refused)
@@ -245,7 +245,7 @@ def test_compressed_text_bomb_is_rejected(client):
     body = b"zTXtComment\0\0" + zlib.compress(bytes(100 << 20), 9)
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
     answer = client.post(
-        "/api/pictures", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:]
+        "/api/convert", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:]
     )
     assert answer.status_code == 400
     assert "bomb.png" in sentence(answer)
@@ -272,7 +272,7 @@ def png_of(width: int, height: int) -> bytes:
 
 @pytest.mark.parametrize("side", [11_000, 60_000])
 def test_decompression_bombs_are_rejected_by_header(side, client):
-    answer = client.post("/api/pictures", params={"name": "bomb.png"}, content=png_of(side, side))
+    answer = client.post("/api/convert", params={"name": "bomb.png"}, content=png_of(side, side))
     assert answer.status_code == 400
     assert sentence(answer) == "the decoded pixels of bomb.png must take at most 256 MB"
 
@@ -281,7 +281,7 @@ def test_decompression_bombs_are_rejected_by_header(side, client):
     "data", [b"", b"no picture", b"PK\3\4" + bytes(100), b"\x89PNG\r\n\x1a\n", b"II*\0" + bytes(8)]
 )
 def test_invalid_image_is_rejected(data, client):
-    answer = client.post("/api/pictures", content=data)
+    answer = client.post("/api/convert", content=data)
     assert answer.status_code == 400
     assert sentence(answer)
 
@@ -290,7 +290,7 @@ def test_truncated_image_is_rejected(client):
     whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[
         1
     ].tobytes()
-    answer = client.post("/api/pictures", params={"name": "../../half.jpg"}, content=whole[:-400])
+    answer = client.post("/api/convert", params={"name": "../../half.jpg"}, content=whole[:-400])
     assert answer.status_code == 400
     assert sentence(answer) == "cannot read the image half.jpg: the file is truncated"
 
@@ -347,9 +347,9 @@ def test_only_files_of_given_folders_are_served(tmp_path):
     (inside / "notes.txt").write_text("no picture")
     with TestClient(create_app(Studio(Sources(folders=[inside]))), base_url=LOCAL) as client:
         assert [s["name"] for s in client.get("/api/start").json()["sources"]] == ["a.png"]
-        assert client.get("/api/picture", params={"id": "0/a.png"}).status_code == 200
+        assert client.get("/api/image", params={"id": "0/a.png"}).status_code == 200
         for id in ("0/link.png", "0/../secret.png", str(outside), "0/notes.txt", "..", "\0"):
-            assert client.get("/api/picture", params={"id": id}).status_code == 404
+            assert client.get("/api/image", params={"id": id}).status_code == 404
 
 
 def test_slow_pages_do_not_delay_shared_stream(tmp_path, monkeypatch):
@@ -421,9 +421,9 @@ def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path
     notes = []
     studio = Studio(Sources(folders=[folder]), stored_orientation=stored, on_note=notes.append)
     with TestClient(create_app(studio), base_url=LOCAL) as client:
-        shown = client.get("/api/picture", params={"id": "0/a.png"}).content
+        shown = client.get("/api/image", params={"id": "0/a.png"}).content
         converted = client.post(
-            "/api/pictures", content=image.read_bytes(), params={"name": "a.png"}
+            "/api/convert", content=image.read_bytes(), params={"name": "a.png"}
         ).content
         assert ("data-stored-orientation" in client.get("/").text[:200]) == stored
         with client.websocket_connect("ws://127.0.0.1/api/stream?id=0/b.mp4") as socket:
@@ -469,7 +469,7 @@ def test_damaged_video_ends_with_message(tmp_path):
         told = json.loads(socket.receive_text())
         while told["state"] != "ended":
             told = json.loads(socket.receive_text())
-        assert "bad.mp4" in told["sentence"]
+        assert "bad.mp4" in told["message"]
 
 
 # -- OpenAPI interface
@@ -525,9 +525,7 @@ def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool
     ],
 )
 def test_uploads_with_wrong_length_are_rejected_or_dropped(lines, body, status, wire):
-    answer = answer_to(
-        wire, b"POST /api/pictures", lines + b"\r\n" + body, goes_away=status is None
-    )
+    answer = answer_to(wire, b"POST /api/convert", lines + b"\r\n" + body, goes_away=status is None)
     if status is None:
         assert b" 200 " not in answer[:20]  # no recipient remains
     else:
@@ -542,7 +540,7 @@ def test_uploads_with_wrong_length_are_rejected_or_dropped(lines, body, status, 
         "/../../etc/passwd",
         "/%2e%2e/%2e%2e/etc/passwd",
         "//etc/passwd",
-        "/api/picture?id=../../etc/passwd",
+        "/api/image?id=../../etc/passwd",
     ],
 )
 def test_path_traversal_is_rejected(path, wire):

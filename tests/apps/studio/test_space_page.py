@@ -14,7 +14,7 @@ from .browser import BASE64, COARSE, PATIENCE_MS
 from .test_bench_page import PAGE, WITHOUT_PICTURES, drawn, enter, settled
 from .test_page import AXE
 
-VIEW = "window.omnimirror.tabs.bench.desk.space.view"
+VIEW = "window.omnimirror.tabs.design.plotArea.space.view"
 PIXELS = f"""() => {{
   const {{ canvas }} = {VIEW};
   {VIEW}.draw();
@@ -137,7 +137,7 @@ def test_selected_ray_is_marked_in_all_plots(bench):
         (75 + e.theta_deg[0]) / 2, abs=0.01
     )  # about the normal, half of the total
     assert np.hypot(u - 511.5, v - 511.5) == pytest.approx(e.h_px[0], abs=0.1)
-    assert bench.evaluate("window.omnimirror.tabs.bench.desk.cursor.omega") == pytest.approx(
+    assert bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega") == pytest.approx(
         75, abs=1e-3
     )
     bench.locator(".space canvas").click(position={"x": 3, "y": 3})

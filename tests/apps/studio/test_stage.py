@@ -20,7 +20,10 @@ HALVES = """() => {
   const box = (id) => { const { x, y, width, height } = document.querySelector(id).getBoundingClientRect(); return [x, y, width, height]; };
   return { view: box("#view"), pane: box("#pane"), circle: box("#circle") };
 }"""  # noqa: E501
-CELLS = """() => window.omnimirror.look.laid.places.map(({ left, top, width, height }) => [left, top, width, height])"""
+CELLS = (
+    "() => window.omnimirror.look.layout.places"
+    ".map(({ left, top, width, height }) => [left, top, width, height])"
+)
 SHARE = """() => {
   const { width, height, y } = document.querySelector("#view").getBoundingClientRect();
   return y >= 0 && y + height <= innerHeight + 1 ? width * height / innerWidth / innerHeight : 0;
@@ -70,7 +73,7 @@ def settled(page, states: int = 1) -> None:
     """Wait until the given number of views fill the available space."""
     page.wait_for_function(
         """(states) => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => {
-          resolve(window.omnimirror.look.laid?.places.length === states);
+          resolve(window.omnimirror.look.layout?.places.length === states);
         })))""",
         arg=states,
     )
@@ -106,7 +109,7 @@ def test_panorama_is_complete_or_fills_stage(page):
     boxes = page.evaluate(HALVES)
     assert boxes["view"][3] < 0.8 * boxes["pane"][3]
     page.get_by_role("button", name="Fill").click()
-    page.wait_for_function("window.omnimirror.look.laid.places[0].state.fit === 'fill'")
+    page.wait_for_function("window.omnimirror.look.layout.places[0].state.fit === 'fill'")
     boxes = page.evaluate(HALVES)
     assert boxes["view"] == pytest.approx(boxes["pane"], abs=1)
     x, y, width, height = boxes["view"]
@@ -183,10 +186,10 @@ def check_cell(page, folder, index: int) -> None:
     """Check that one of several views has the coordinates of its command line."""
     script = """(index) => {
       const { look } = window.omnimirror;
-      const { left, top, view } = look.laid.places[index];
-      const values = look.renderer.coordinates(look.laid.view);
+      const { left, top, view } = look.layout.places[index];
+      const values = look.renderer.coordinates(look.layout.view);
       const [column, row] = [left, top].map((at) => Math.round(at * devicePixelRatio));
-      const at = (x, y) => { const i = 4 * ((row + y) * look.laid.view.width + column + x); return [...values.slice(i, i + 3)]; };
+      const at = (x, y) => { const i = 4 * ((row + y) * look.layout.view.width + column + x); return [...values.slice(i, i + 3)]; };
       const places = [0.1, 0.5, 0.9].flatMap((a) => [0.2, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));
       return { line: look.commands().split("\\n")[index], places, found: places.map(([x, y]) => at(x, y)) };
     }"""  # noqa: E501
@@ -228,8 +231,8 @@ def two(folder):
 
 
 AT = """(index) => {
-  const { look } = window.omnimirror, { left, top, view } = look.laid.places[index];
-  const copy = new OffscreenCanvas(look.laid.view.width, look.laid.view.height).getContext("2d");
+  const { look } = window.omnimirror, { left, top, view } = look.layout.places[index];
+  const copy = new OffscreenCanvas(look.layout.view.width, look.layout.view.height).getContext("2d");
   copy.drawImage(look.drawn(), 0, 0);
   const dots = [left, top].map((at) => Math.round(at * devicePixelRatio));
   const places = [0.1, 0.3, 0.5, 0.7, 0.9].flatMap((a) => [0.2, 0.45, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));
@@ -255,7 +258,10 @@ def test_all_sources_side_by_side_with_own_sensors(browser, two, folder):
     page = open_page(browser, f"{two}#source=server%3Asource", 1000, 900, reduced_motion="reduce")
     page.wait_for_function("window.omnimirror.look.feed?.name === 'picture.png'")
     page.get_by_role("button", name="All views").click()
-    seen = "window.omnimirror.look.laid?.places.length === 2 && window.omnimirror.look.laid.places.every((p) => p.seen)"
+    seen = (
+        "window.omnimirror.look.layout?.places.length === 2 && "
+        "window.omnimirror.look.layout.places.every((p) => p.cameraFeed)"
+    )
     page.wait_for_function(seen)
     assert [view["name"] for view in json.loads(state(page)["views"])] == [
         "picture.png",
@@ -296,7 +302,7 @@ def test_all_sources_side_by_side_with_own_sensors(browser, two, folder):
     check_colours(page, folder, 1)
     page.get_by_role("button", name="All views").click()
     settled(page)
-    page.wait_for_function("window.omnimirror.look.others.feeds.size === 0")
+    page.wait_for_function("window.omnimirror.look.additional.feeds.size === 0")
     assert page.problems == []
     page.context.close()
 
@@ -316,7 +322,7 @@ def test_unavailable_camera_is_reported_in_its_cell(browser, tmp_path):
         page.wait_for_function(
             "/gone.png: .*(no|not|cannot)/.test(document.querySelector('#cells').textContent)"
         )
-        assert page.evaluate("window.omnimirror.look.laid.places.map((p) => !!p.seen)") == [
+        assert page.evaluate("window.omnimirror.look.layout.places.map((p) => !!p.cameraFeed)") == [
             True,
             False,
         ]

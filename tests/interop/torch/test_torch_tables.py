@@ -17,10 +17,10 @@ from omnimirror.interop.torch._reflection import TOLERANCE
 from omnimirror.interop.torch._tables import shape_derivative_table
 from omnimirror.optics.tracing.reflection import (
     CELLS,
-    NOT_SETTLED,
+    NOT_CONVERGED,
     SEARCH,
-    SEEN,
     SETTLED,
+    VISIBLE,
     MirrorTables,
     RayEndpoints,
     meridian_table,
@@ -66,9 +66,9 @@ def test_shape_derivative_table_interpolates_derivatives(kind):
 @pytest.fixture(params=[name for name in instructions() if name in ("plain", "avx2")])
 def kernels(request):
     before = backend.name
-    backend.kernels.use_instructions(request.param)
+    backend.kernels.set_instruction_set(request.param)
     yield backend.kernels
-    backend.kernels.use_instructions(before)
+    backend.kernels.set_instruction_set(before)
 
 
 PUPIL = (4.0, -2.5)  # mm from the axis
@@ -128,10 +128,10 @@ def test_kernel_finds_the_verified_reflection_points(kind, lens, distant, kernel
     expected = specular_points(
         mirror, RayEndpoints.of(pupil, telecentric), RayEndpoints.of(targets, distant)
     )
-    settled = states != NOT_SETTLED
+    settled = states != NOT_CONVERGED
     assert settled[expected.valid].mean() > 0.95
-    np.testing.assert_array_equal((states == SEEN)[settled], expected.valid[settled])
-    visible = states == SEEN
+    np.testing.assert_array_equal((states == VISIBLE)[settled], expected.valid[settled])
+    visible = states == VISIBLE
     assert visible.sum() > 10
     np.testing.assert_allclose(rows[:3, visible].T, expected.points[visible], rtol=0, atol=1e-7)
     slope = mirror.slope(np.hypot(*rows[:2, visible]))
@@ -149,7 +149,7 @@ def test_kernel_intersects_rays_with_the_mirror(kind, kernels):
     pupil = np.array([*PUPIL, -180.0])
     directions = (points - pupil[:, None]) / (points[2] + 180.0)
     rows, states = np.zeros((6, 333)), np.zeros(333, np.uint8)
-    kernels.meet_mirror(
+    kernels.intersect_mirror(
         tables.surface(tuple(pupil), False),
         SEARCH.until(TOLERANCE),
         tables.depth,
@@ -158,7 +158,7 @@ def test_kernel_intersects_rays_with_the_mirror(kind, kernels):
         rows,
         states,
     )
-    assert (states == SEEN)[on].all()
+    assert (states == VISIBLE)[on].all()
     np.testing.assert_allclose(rows[:3, on], points[:, on], rtol=0, atol=1e-7)
     np.testing.assert_allclose(rows[5, on], points[2, on] + 180.0, rtol=0, atol=1e-7)
 
@@ -172,7 +172,7 @@ def test_kernel_intersects_rays_with_the_mirror(kind, kernels):
         ({"states": np.zeros(8, np.uint8)}, r"states must have shape \(9,\); got \(8,\)"),
         ({"by_omega": np.zeros((0, 4))}, "by_omega must not be empty"),
         ({"by_omega": np.zeros((9, 3))}, r"by_omega must have shape \(any, 4\)"),
-        ({"omegas": (1.0, 0.9)}, "omegas must not decrease"),
+        ({"omegas": (1.0, 0.9)}, "omegas must be in ascending order"),
     ],
 )
 def test_kernel_rejects_arrays_of_wrong_shape(change, message, kernels):
@@ -197,8 +197,8 @@ def test_non_finite_targets_are_not_settled(kernels):
     tables = MirrorTables.of(MIRRORS["sphere"][0], 180.0)
     targets = np.array([[np.nan, 1.0, 2.0], [np.inf, 0.0, 0.0], [500.0, 0.0, -100.0]])
     _, rows, states = find_reflections(kernels, tables, False, False, targets)
-    assert states.tolist()[:2] == [NOT_SETTLED] * 2
-    assert states[2] == SEEN
+    assert states.tolist()[:2] == [NOT_CONVERGED] * 2
+    assert states[2] == VISIBLE
     assert np.isfinite(rows[:, 2]).all()
 
 

@@ -208,10 +208,10 @@ def test_compiled_results_match_numpy(name, mode, radius, magnification):
 
 @pytest.fixture(params=instructions())
 def each_instruction_set(request):
-    before = backend.kernels.instructions()
-    backend.kernels.use_instructions(request.param)
+    before = backend.kernels.instruction_set()
+    backend.kernels.set_instruction_set(request.param)
     yield
-    backend.kernels.use_instructions(before)
+    backend.kernels.set_instruction_set(before)
 
 
 @pytest.mark.usefixtures("each_instruction_set")

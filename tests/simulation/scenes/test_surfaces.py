@@ -76,9 +76,9 @@ def clutter(count: int, rng: np.random.Generator) -> Surfaces:
 @pytest.fixture(params=instructions())
 def every_instruction(request):
     before = backend.name
-    backend.kernels.use_instructions(request.param)
+    backend.kernels.set_instruction_set(request.param)
     yield
-    backend.kernels.use_instructions(before)
+    backend.kernels.set_instruction_set(before)
 
 
 @pytest.mark.usefixtures("every_instruction")
@@ -197,7 +197,7 @@ def test_nan_surfaces_raise(bad):
         np.zeros(1, bool),
         (Texture(np.ones((1, 1, 4), np.float32)),),
     )
-    with pytest.raises(ValueError, match="places of surfaces must be between"):
+    with pytest.raises(ValueError, match="records must be between"):
         scene.first_hits(np.zeros((1, 3)), np.ones((1, 3)))
 
 

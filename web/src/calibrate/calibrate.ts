@@ -11,7 +11,7 @@ import type {
 import { checkReadable, isVideo } from "../shared/media";
 import { framesOf } from "./frames";
 import type { Host } from "./host";
-import { keepResult, keepSettings, keptResult, keptSettings } from "./kept";
+import { storeResult, storeSettings, storedResult, storedSettings } from "./storage";
 import { BoardPanel } from "./panels/board";
 import { CameraPanel, type Rim } from "./panels/camera";
 import { RunPanel } from "./panels/run";
@@ -19,34 +19,34 @@ import { WebcamPane } from "./panels/webcam";
 import { Gallery } from "./results/gallery";
 import { coveragePlot } from "./results/plots";
 import { list, resultsOf, tablesOf } from "./results/report";
-import { Single } from "./results/single";
-import { MAX_SHOTS, type Shot, Shots } from "./shots";
+import { ImageDetail } from "./results/image_detail";
+import { MAX_IMAGES, type BoardImage, BoardImages } from "./board_images";
 import { Toolbar } from "./toolbar";
-import { calibrateCommand, rimOf, whyNot } from "./words";
+import { calibrateCommand, rimOf, whyNot } from "./formatting";
 
 /** Stored state of the panels. */
 interface Settings {
   board: NonNullable<BoardPanel["board"]>;
-  sought: CameraPanel["sought"];
+  settings: CameraPanel["settings"];
   rim: Rim | null;
 }
 
-const LOOKED_AT_FOR_RIM = 3; // number of images
-const TOGETHER_MS = 150;
+const RIM_IMAGES = 3; // number of images
+const ANALYSIS_DELAY_MS = 150;
 
 /** Tab Calibrate: images of a target, detections, and the estimated camera. */
 export class Calibrate {
-  readonly shots: Shots;
+  readonly images: BoardImages;
   readonly webcam: WebcamPane;
-  found: CalibrationResult | null = null;
+  result: CalibrationResult | null = null;
   report: string | null = null;
-  together: MultiImageSummary | null = null;
-  private chosen: Shot | null = null;
+  analysis: MultiImageSummary | null = null;
+  private chosen: BoardImage | null = null;
   private readonly board: BoardPanel;
   private readonly camera: CameraPanel;
   private readonly run: RunPanel;
   private readonly gallery: Gallery;
-  private readonly single: Single;
+  private readonly detail: ImageDetail;
   private readonly toolbar: Toolbar;
   private readonly invitation: HTMLElement;
   private readonly coverage = h("div", {});
@@ -61,7 +61,7 @@ export class Calibrate {
   private readonly command = h("code", { tabIndex: 0 });
   private readonly commandRow: HTMLElement;
   private timer = 0;
-  private asked = 0;
+  private analysisCount = 0;
   private rimTried = 0;
 
   constructor(
@@ -69,22 +69,22 @@ export class Calibrate {
     start: CalibrationOptions,
   ) {
     const fail = (e: unknown): void => this.fail(e);
-    this.shots = new Shots({
+    this.images = new BoardImages({
       board: () => this.board.board,
       changed: () => this.changed(),
       settled: () => background(this.findRim()),
       fail,
     });
-    this.gallery = new Gallery((shot) => this.choose(shot));
-    this.single = new Single({
-      remove: (shot) => this.remove(shot),
-      retry: (shot) => this.shots.retry(shot),
+    this.gallery = new Gallery((image) => this.choose(image));
+    this.detail = new ImageDetail({
+      remove: (image) => this.remove(image),
+      retry: (image) => this.images.retry(image),
       fail,
     });
     this.webcam = new WebcamPane({
       board: () => this.board.board,
-      together: (seen) => this.asTogether(seen),
-      take: (picture) => this.take(picture, `webcam ${this.shots.all.length + 1}.png`),
+      analysis: (detection) => this.analyse(detection),
+      take: (image) => this.take(image, `webcam ${this.images.all.length + 1}.png`),
       closed: () => this.show(),
       fail,
     });
@@ -92,7 +92,7 @@ export class Calibrate {
       add: (files) => background(this.add(files)),
       webcam: () => background(this.webcam.open()),
       clear: () => this.clear(),
-      found: () => this.found,
+      result: () => this.result,
       report: () => this.report,
       look: () => background(this.look()),
     });
@@ -105,8 +105,8 @@ export class Calibrate {
     );
     this.camera = new CameraPanel(cameras, start, () => this.cameraChanged());
     this.run = new RunPanel(runs, {
-      given: () => this.given(),
-      found: (found) => this.calibrated(found),
+      request: () => this.calibrationRequest(),
+      result: (result) => this.calibrated(result),
       reported: (report) => this.reported(report),
     });
     this.invitation = this.invite();
@@ -126,40 +126,40 @@ export class Calibrate {
       ),
     );
     this.state.append(this.coverage, this.next);
-    const desk = h(
+    const plotArea = h(
       "section",
       { className: "desk", tabIndex: -1, "aria-label": "Images and results" },
       this.invitation,
       this.webcam.element,
       this.results,
       this.state,
-      this.single.element,
+      this.detail.element,
       this.gallery.element,
       this.tables,
       this.commandRow,
     );
     host.place.append(
       h("aside", { "aria-label": "Target, camera and calibration" }, boards, cameras, runs),
-      desk,
+      plotArea,
     );
     this.show();
   }
 
   /** Restore the stored state. */
   async begin(): Promise<void> {
-    const kept = keptSettings<Settings>();
-    if (kept?.board && kept.sought) {
-      this.board.take(kept.board);
-      this.camera.take(kept.sought, kept.rim ?? null);
+    const stored = storedSettings<Settings>();
+    if (stored?.board && stored.settings) {
+      this.board.take(stored.board);
+      this.camera.take(stored.settings, stored.rim ?? null);
     }
-    const lost = await this.shots.restore();
+    const lost = await this.images.restore();
     if (lost.length)
       this.host.banner(
         `The page was closed before ${lost.join(", ")} ${lost.length > 1 ? "were" : "was"} stored; add ${lost.length > 1 ? "them" : "it"} again.`,
         "calibrate",
       );
-    const result = await keptResult(this.keys);
-    if (result) [this.found, this.report] = [result.found, result.report];
+    const result = await storedResult(this.keys);
+    if (result) [this.result, this.report] = [result.result, result.report];
     this.drawResults();
     this.show();
   }
@@ -167,37 +167,37 @@ export class Calibrate {
   /** Add images, or the frames of a video. */
   async add(files: readonly File[]): Promise<void> {
     this.host.banner(null, "calibrate");
-    const take = (picture: Blob, name: string, time: number | null): Promise<boolean> =>
-      this.take(picture, name, time);
+    const take = (image: Blob, name: string, time: number | null): Promise<boolean> =>
+      this.take(image, name, time);
     const refusals: string[] = [];
     for (const file of files) {
       try {
         await checkReadable(file, file.name);
         if (isVideo(file, file.name))
-          await framesOf(file, file.name, MAX_SHOTS - this.shots.all.length, take);
+          await framesOf(file, file.name, MAX_IMAGES - this.images.all.length, take);
         else if (!(await take(file, file.name, null))) {
           refusals.push(
-            `${MAX_SHOTS} images is the maximum; ${file.name} and the following files were ignored.`,
+            `${MAX_IMAGES} images is the maximum; ${file.name} and the following files were ignored.`,
           );
           break;
         }
       } catch (e) {
-        if (e instanceof api.Refused) refusals.push(e.message);
+        if (e instanceof api.RequestRejected) refusals.push(e.message);
         else this.fail(e);
       }
     }
     if (refusals.length) this.host.banner(refusals.join(" "), "calibrate");
   }
 
-  private async take(picture: Blob, name: string, time: number | null = null): Promise<boolean> {
+  private async take(image: Blob, name: string, time: number | null = null): Promise<boolean> {
     this.drop();
-    return this.shots.add(picture, name, time);
+    return this.images.add(image, name, time);
   }
 
-  private remove(shot: Shot): void {
-    if (this.chosen === shot) this.chosen = null;
+  private remove(image: BoardImage): void {
+    if (this.chosen === image) this.chosen = null;
     this.drop();
-    this.shots.remove(shot);
+    this.images.remove(image);
   }
 
   private clear(): void {
@@ -205,20 +205,20 @@ export class Calibrate {
     this.drop();
     this.camera.showRim(null);
     this.rimTried = 0;
-    this.shots.clear();
+    this.images.clear();
   }
 
-  private choose(shot: Shot | null): void {
-    this.chosen = this.chosen === shot ? null : shot;
+  private choose(image: BoardImage | null): void {
+    this.chosen = this.chosen === image ? null : image;
     this.show();
-    if (this.chosen) this.single.element.scrollIntoView({ block: "nearest" });
+    if (this.chosen) this.detail.element.scrollIntoView({ block: "nearest" });
   }
 
   // -- changes of the input -------------------------------------------------------------------------
 
   private boardChanged(): void {
     if (!this.board.board) return this.show();
-    if (this.shots.again()) this.drop();
+    if (this.images.again()) this.drop();
     this.keep();
     this.show();
   }
@@ -232,8 +232,8 @@ export class Calibrate {
   /** Discard the result, which is valid for its images only. */
   private drop(): void {
     this.run.forget();
-    if (!this.found) return;
-    [this.found, this.report] = [null, null];
+    if (!this.result) return;
+    [this.result, this.report] = [null, null];
     this.drawResults();
     this.keep();
   }
@@ -241,34 +241,34 @@ export class Calibrate {
   private changed(): void {
     this.show();
     clearTimeout(this.timer);
-    this.timer = window.setTimeout(() => background(this.compare()), TOGETHER_MS);
+    this.timer = window.setTimeout(() => background(this.compare()), ANALYSIS_DELAY_MS);
   }
 
   /** Request the joint analysis of the images. */
   private async compare(): Promise<void> {
-    const looked = this.shots.all.filter((s) => s.seen !== null);
-    const number = ++this.asked;
-    if (!looked.length || !this.board.board) {
-      if (!this.shots.waiting) this.together = null;
+    const detected = this.images.all.filter((s) => s.detection !== null);
+    const number = ++this.analysisCount;
+    if (!detected.length || !this.board.board) {
+      if (!this.images.waiting) this.analysis = null;
       return this.show();
     }
     try {
-      const together = await this.asTogether(null);
-      if (number !== this.asked) return;
-      this.together = together;
-      looked.forEach((shot, i) => (shot.reason = together.reasons[i] ?? null));
+      const analysis = await this.analyse(null);
+      if (number !== this.analysisCount) return;
+      this.analysis = analysis;
+      detected.forEach((image, i) => (image.reason = analysis.reasons[i] ?? null));
     } catch (e) {
-      if (number === this.asked) this.fail(e);
+      if (number === this.analysisCount) this.fail(e);
     }
     this.show();
   }
 
-  private asTogether(candidate: BoardDetection | null): Promise<MultiImageSummary> {
+  private analyse(candidate: BoardDetection | null): Promise<MultiImageSummary> {
     const { rim } = this.camera;
-    const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
-    return api.together({
+    const detections = this.images.all.flatMap((s) => (s.detection ? [s.detection] : []));
+    return api.analysis({
       board: this.board.board!,
-      pictures,
+      detections,
       centre_px: rim?.centre ?? null,
       radius_px: rim?.radius ?? null,
       candidate,
@@ -277,38 +277,41 @@ export class Calibrate {
 
   /** Detect the mirror rim in the first images with a target. */
   private async findRim(): Promise<void> {
-    const looked = this.shots.found.slice(0, LOOKED_AT_FOR_RIM);
-    if (
-      !this.camera.isMirror ||
-      looked.length <= this.rimTried ||
-      this.rimTried >= LOOKED_AT_FOR_RIM
-    )
+    const detected = this.images.result.slice(0, RIM_IMAGES);
+    if (!this.camera.isMirror || detected.length <= this.rimTried || this.rimTried >= RIM_IMAGES)
       return;
-    this.rimTried = looked.length;
+    this.rimTried = detected.length;
     try {
-      const rim = rimOf(await Promise.all(looked.map((shot) => api.rim(shot.blob, shot.name))));
-      this.camera.showRim(rim, looked.length);
+      const rim = rimOf(
+        await Promise.all(detected.map((image) => api.rim(image.blob, image.name))),
+      );
+      this.camera.showRim(rim, detected.length);
       this.changed();
       this.keep();
     } catch (e) {
-      if (!(e instanceof api.Refused)) this.fail(e); // calibration does not require a rim
+      if (!(e instanceof api.RequestRejected)) this.fail(e); // calibration does not require a rim
     }
   }
 
   // -- calibration ----------------------------------------------------------------------------------
 
-  private given(): { ask: CalibrationRequest; pictures: BoardDetection[] } | null {
+  private calibrationRequest(): { ask: CalibrationRequest; detections: BoardDetection[] } | null {
     const { board } = this.board;
-    const pictures = this.shots.all.flatMap((s) => (s.seen ? [s.seen] : []));
-    if (!board || !pictures.length) return null;
+    const detections = this.images.all.flatMap((s) => (s.detection ? [s.detection] : []));
+    if (!board || !detections.length) return null;
     return {
-      ask: { board, ...this.camera.sought, pictures: pictures.length, command: this.commandLine() },
-      pictures,
+      ask: {
+        board,
+        ...this.camera.settings,
+        images: detections.length,
+        command: this.commandLine(),
+      },
+      detections,
     };
   }
 
-  private calibrated(found: CalibrationResult): void {
-    this.found = found;
+  private calibrated(result: CalibrationResult): void {
+    this.result = result;
     this.report = null;
     this.drawResults();
     this.show();
@@ -324,17 +327,17 @@ export class Calibrate {
 
   /** Open the selected image, or the first used one, with the calibrated camera in the tab Look. */
   private async look(): Promise<void> {
-    const { found } = this;
-    const shot =
+    const { result } = this;
+    const image =
       this.chosen ??
-      this.shots.all.find((s) => found?.pictures.find((p) => p.name === s.name)?.used);
-    if (!found || !shot) return;
+      this.images.all.find((s) => result?.images.find((p) => p.name === s.name)?.used);
+    if (!result || !image) return;
     try {
       await this.host.lookThrough(
-        new Blob([found.camera_file], { type: "application/toml" }),
+        new Blob([result.camera_file], { type: "application/toml" }),
         "camera.toml",
-        shot.blob,
-        shot.name,
+        image.blob,
+        image.name,
       );
     } catch (e) {
       this.fail(e);
@@ -344,37 +347,37 @@ export class Calibrate {
   // -- display --------------------------------------------------------------------------------------
 
   private show(): void {
-    const { all } = this.shots;
+    const { all } = this.images;
     const isEmpty = !all.length && !this.webcam.isOpen;
     this.invitation.hidden = !isEmpty;
     this.commandRow.hidden = !all.length;
     this.run.show(
       this.board.board
-        ? whyNot(this.shots.found.length, this.shots.waiting)
+        ? whyNot(this.images.result.length, this.images.waiting)
         : "Specify the target first.",
     );
     this.gallery.show(all, this.chosen);
-    this.single.show(this.chosen, this.camera.isMirror ? this.camera.rim : null, this.found);
+    this.detail.show(this.chosen, this.camera.isMirror ? this.camera.rim : null, this.result);
     this.toolbar.show(all.length > 0);
     this.command.textContent = this.commandLine();
     this.drawCoverage();
   }
 
   private drawCoverage(): void {
-    const shown = this.found?.coverage ?? this.together?.coverage ?? null;
-    const used = this.shots.found;
-    if (!used.length && this.shots.waiting) return; // buttons are not recreated during detection, so that a press is not lost
+    const shown = this.result?.coverage ?? this.analysis?.coverage ?? null;
+    const used = this.images.result;
+    if (!used.length && this.images.waiting) return; // buttons are not recreated during detection, so that a press is not lost
     this.coverage.hidden = !shown || !used.length;
     if (shown && used.length)
       this.coverage.replaceChildren(
         coveragePlot(
           shown,
-          used[0].seen!.image_size,
-          used.flatMap((s) => s.seen!.corners_px),
+          used[0].detection!.image_size,
+          used.flatMap((s) => s.detection!.corners_px),
           this.camera.isMirror ? this.camera.rim : null,
         ),
       );
-    const advice = used.length ? (this.found?.advice ?? this.together?.advice ?? []) : [];
+    const advice = used.length ? (this.result?.advice ?? this.analysis?.advice ?? []) : [];
     this.next.hidden = !advice.length;
     this.state.hidden = this.coverage.hidden && this.next.hidden;
     this.next.replaceChildren(h("h3", {}, "Next"), list("advice", advice));
@@ -383,23 +386,23 @@ export class Calibrate {
   private drawResults(): void {
     const choose = (name: string): void => {
       this.chosen = null;
-      this.choose(this.shots.all.find((s) => s.name === name) ?? null);
+      this.choose(this.images.all.find((s) => s.name === name) ?? null);
     };
-    this.results.replaceChildren(...(this.found ? resultsOf(this.found) : []));
-    this.tables.replaceChildren(...(this.found ? tablesOf(this.found, choose) : []));
+    this.results.replaceChildren(...(this.result ? resultsOf(this.result) : []));
+    this.tables.replaceChildren(...(this.result ? tablesOf(this.result, choose) : []));
   }
 
   private commandLine(): string {
     const { board } = this.board;
-    const files = this.shots.all.filter((s) => s.time === null).map((s) => s.name);
+    const files = this.images.all.filter((s) => s.time === null).map((s) => s.name);
     const videos = [
       ...new Set(
-        this.shots.all
+        this.images.all
           .filter((s) => s.time !== null)
           .map((s) => s.name.replace(/ at [\d.]+ s$/, "")),
       ),
     ];
-    return board ? calibrateCommand([...files, ...videos], { board, ...this.camera.sought }) : "";
+    return board ? calibrateCommand([...files, ...videos], { board, ...this.camera.settings }) : "";
   }
 
   private invite(): HTMLElement {
@@ -430,18 +433,22 @@ export class Calibrate {
   }
 
   private get keys(): string[] {
-    return this.shots.all.map((s) => s.key);
+    return this.images.all.map((s) => s.key);
   }
 
   private keep(): void {
     const { board } = this.board;
     if (board)
-      keepSettings({ board, sought: this.camera.sought, rim: this.camera.rim } satisfies Settings);
-    background(keepResult(this.keys, this.found, this.report));
+      storeSettings({
+        board,
+        settings: this.camera.settings,
+        rim: this.camera.rim,
+      } satisfies Settings);
+    background(storeResult(this.keys, this.result, this.report));
   }
 
   private fail(e: unknown): void {
-    if (api.isForeseen(e)) this.host.banner(e.message, e.name === "Away" ? "server" : "calibrate");
+    if (api.isUserError(e)) this.host.banner(e.message, e.name === "Away" ? "server" : "calibrate");
     else reportError(e);
   }
 }

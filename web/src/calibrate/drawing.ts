@@ -70,17 +70,17 @@ export function cellsOf({ centre_px: [u, v], radii_px: radii, counts }: Coverage
 }
 
 /** Return the number of covered cells, and the total number. */
-export function coveredIn({ counts, enough }: CoverageInfo): [number, number] {
+export function coveredIn({ counts, min_corners }: CoverageInfo): [number, number] {
   const all = counts.flat();
-  return [all.filter((count) => count >= enough).length, all.length];
+  return [all.filter((count) => count >= min_corners).length, all.length];
 }
 
 /** Round magnification at which residuals of a given size have a given length in px. */
 export function timesFor(rms: number, length: number): number {
   if (!(rms > 0)) return 1;
-  const wanted = length / rms;
-  const power = 10 ** Math.floor(Math.log10(wanted));
-  return Math.max(1, power * ([5, 2, 1].find((m) => m * power <= wanted) ?? 1));
+  const target = length / rms;
+  const power = 10 ** Math.floor(Math.log10(target));
+  return Math.max(1, power * ([5, 2, 1].find((m) => m * power <= target) ?? 1));
 }
 
 /** Return the displacement of a target between two detections, relative to the longer image side; Infinity for different corners. */

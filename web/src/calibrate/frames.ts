@@ -1,17 +1,17 @@
-import { Refused } from "../shared/api";
+import { RequestRejected } from "../shared/api";
 import { release } from "../shared/media";
 import { fileWord, shellWord } from "../shared/shell";
 
 const EVERY_S = 0.5;
-const LONGEST_SEEK_MS = 60_000;
-const LONGEST_WAIT_MS = 10_000; // maximum waiting time for an opaque frame
+const MAX_SEEK_MS = 60_000;
+const MAX_WAIT_MS = 10_000; // maximum waiting time for an opaque frame
 
 /** Extract frames of a video with their times, every 0.5 s or a given number in total. */
 export async function framesOf(
   file: Blob,
   name: string,
-  most: number,
-  take: (picture: Blob, name: string, time: number) => Promise<boolean>,
+  maximum: number,
+  take: (image: Blob, name: string, time: number) => Promise<boolean>,
 ): Promise<void> {
   const address = URL.createObjectURL(file);
   const video = Object.assign(document.createElement("video"), {
@@ -22,15 +22,15 @@ export async function framesOf(
   try {
     await event(video, "loadeddata", name);
     const seconds = Number.isFinite(video.duration) ? video.duration : 0;
-    const step = Math.max(EVERY_S, seconds / most);
+    const step = Math.max(EVERY_S, seconds / maximum);
     for (let time = step / 2; time < seconds || time === step / 2; time += step) {
       video.currentTime = Math.min(time, seconds);
       await event(video, "seeked", name);
       const canvas = await drawn(video);
-      const picture = await new Promise<Blob | null>((resolve) =>
+      const image = await new Promise<Blob | null>((resolve) =>
         canvas.toBlob(resolve, "image/png"),
       );
-      if (!picture || !(await take(picture, `${name} at ${time.toFixed(2)} s`, time))) return;
+      if (!image || !(await take(image, `${name} at ${time.toFixed(2)} s`, time))) return;
     }
   } finally {
     release(video);
@@ -43,7 +43,7 @@ async function drawn(video: HTMLVideoElement): Promise<HTMLCanvasElement> {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
   const context = canvas.getContext("2d", { willReadFrequently: true })!;
-  const end = performance.now() + LONGEST_WAIT_MS;
+  const end = performance.now() + MAX_WAIT_MS;
   do {
     context.drawImage(video, 0, 0);
     if (context.getImageData(canvas.width >> 1, canvas.height >> 1, 1, 1).data[3] > 0) break;
@@ -65,13 +65,13 @@ async function event(
     await new Promise<void>((resolve, reject) => {
       const fail = (): void =>
         reject(
-          new Refused(
+          new RequestRejected(
             `${name} is not supported by this browser; use the command line: omnimirror calibrate ${shellWord(fileWord(name))}`,
           ),
         );
       video.addEventListener(kind, () => resolve(), once);
       video.addEventListener("error", fail, once);
-      timer = setTimeout(fail, LONGEST_SEEK_MS);
+      timer = setTimeout(fail, MAX_SEEK_MS);
     });
   } finally {
     clearTimeout(timer);

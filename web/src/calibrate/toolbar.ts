@@ -2,11 +2,11 @@ import { h, save } from "../shared/dom";
 import type { CalibrationResult } from "../shared/messages";
 import type { Host } from "./host";
 
-interface Hands {
+interface Callbacks {
   add: (files: readonly File[]) => void;
   webcam: () => void;
   clear: () => void;
-  found: () => CalibrationResult | null;
+  result: () => CalibrationResult | null;
   report: () => string | null;
   look: () => void;
 }
@@ -31,15 +31,15 @@ export class Toolbar {
 
   constructor(
     private readonly host: Host,
-    private readonly hands: Hands,
+    private readonly callbacks: Callbacks,
   ) {
     this.file.addEventListener("change", () => {
-      hands.add([...(this.file.files ?? [])]);
+      callbacks.add([...(this.file.files ?? [])]);
       this.file.value = "";
     });
-    this.clear.addEventListener("click", () => hands.clear());
+    this.clear.addEventListener("click", () => callbacks.clear());
     this.report.addEventListener("click", () =>
-      this.download(hands.report(), "calibration.html", "text/html"),
+      this.download(callbacks.report(), "calibration.html", "text/html"),
     );
     const camera = h(
       "button",
@@ -47,13 +47,13 @@ export class Toolbar {
         type: "button",
         title: "Download the camera file for the command line",
         onclick: () =>
-          this.download(hands.found()?.camera_file ?? null, "camera.toml", "application/toml"),
+          this.download(callbacks.result()?.camera_file ?? null, "camera.toml", "application/toml"),
       },
       "Camera file",
     );
     const look = h(
       "button",
-      { type: "button", className: "primary", onclick: () => hands.look() },
+      { type: "button", className: "primary", onclick: () => callbacks.look() },
       "Use as camera",
     );
     this.keep = nav("Export the camera", "keep", camera, this.report, look);
@@ -62,7 +62,7 @@ export class Toolbar {
         "Images of a target",
         "",
         h("button", { type: "button", onclick: () => this.open() }, "Add images…"),
-        h("button", { type: "button", onclick: () => hands.webcam() }, "Webcam"),
+        h("button", { type: "button", onclick: () => callbacks.webcam() }, "Webcam"),
         this.clear,
         this.file,
       ),
@@ -77,8 +77,8 @@ export class Toolbar {
 
   show(hasPictures: boolean): void {
     this.clear.hidden = !hasPictures;
-    this.keep.hidden = this.hands.found() === null;
-    const isMade = this.hands.report() !== null;
+    this.keep.hidden = this.callbacks.result() === null;
+    const isMade = this.callbacks.report() !== null;
     this.report.disabled = !isMade;
     this.report.textContent = isMade ? "Report" : "Writing the report…";
   }
@@ -95,7 +95,7 @@ export class Toolbar {
         if (!this.host.isShown() || !files.length) return;
         e.preventDefault();
         e.stopImmediatePropagation();
-        this.hands.add(files);
+        this.callbacks.add(files);
       },
       { capture: true },
     );

@@ -1,8 +1,8 @@
-import { heldBy } from "../shared/dom";
+import { embeddedData } from "../shared/dom";
 import type { EmbeddedImage } from "../shared/messages";
 
 /** Return the embedded data of a page with one image; null in other pages. */
-export const embedded = (): EmbeddedImage | null => heldBy("embedded");
+export const embedded = (): EmbeddedImage | null => embeddedData("embedded");
 
 const bytesOf = (base64: string): Uint8Array<ArrayBuffer> =>
   Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));

@@ -6,14 +6,14 @@ import type { Store } from "../shared/store";
 import { commandOf, fittedName, needsFile } from "./command";
 import { Renderer } from "./drawing/renderer";
 import { embedded, floats } from "./embedded";
-import type { Feed, Seen } from "./feeds/feed";
-import { Others } from "./feeds/others";
+import type { Feed, CameraFeed } from "./feeds/feed";
+import { AdditionalImages } from "./feeds/additional_images";
 import { Recorder } from "./feeds/recorder";
 import { Camera } from "./geometry/camera";
 import { panTiltOf, type Pixel, type Vec3 } from "./geometry/vectors";
 import { targetIn, type View, viewOf } from "./geometry/views";
 import { CirclePane } from "./panels/circle";
-import { FirstLook } from "./panels/first";
+import { CameraQuestion } from "./panels/camera_question";
 import { Gestures } from "./panels/gestures";
 import { GyroscopePanel } from "./panels/gyroscope";
 import { LevelPanel } from "./panels/level";
@@ -21,12 +21,12 @@ import { hasSize, RimPanel } from "./panels/rim";
 import { SensorPanel } from "./panels/sensor";
 import { bindSliders } from "./panels/sliders";
 import { KINDS, ViewsPanel } from "./panels/views";
-import { WaysPanel } from "./panels/ways";
-import { WipePanel } from "./panels/wipe";
+import { DisplayPanel } from "./panels/display";
+import { RestorationPanel } from "./panels/restoration";
 import { Sources } from "./sources";
-import { type Laid, lay, type Place } from "./stage";
-import * as supply from "./supply";
-import { explainWords } from "./words";
+import { type Layout, layOut, type Place } from "./stage";
+import * as supply from "./data_source";
+import { explainWords } from "./term_tooltips";
 import { Toolbar } from "./toolbar";
 
 const REST_MS = 120; // idle time after which a view is drawn with full quality
@@ -42,13 +42,13 @@ export class Look {
   private readonly level: LevelPanel;
   private readonly recorder: Recorder;
   private readonly views: ViewsPanel;
-  private readonly first: FirstLook;
-  private readonly wipe: WipePanel;
-  private readonly others: Others;
-  private laid: Laid | null = null;
+  private readonly first: CameraQuestion;
+  private readonly wipe: RestorationPanel;
+  private readonly additional: AdditionalImages;
+  private layout: Layout | null = null;
   private camera: Camera | null = null;
   private isDirty = false;
-  private isPictureNew = false;
+  private isImageNew = false;
   private movedAt = 0;
   private resting = 0;
 
@@ -60,29 +60,29 @@ export class Look {
     );
     this.rim = new RimPanel(store, (isFitting) => this.fitting(isFitting));
     this.views = new ViewsPanel(store, () => this.sources.offered);
-    this.wipe = new WipePanel(store, () => this.restored());
-    new WaysPanel(store, () => this.placeCircle());
+    this.wipe = new RestorationPanel(store, () => this.restored());
+    new DisplayPanel(store, () => this.placeCircle());
     new GyroscopePanel(store);
     this.sensor = new SensorPanel(store, {
       changed: () => this.refresh(true),
-      prepare: (wanted) => this.sources.prepare(wanted),
+      prepare: (requested) => this.sources.prepare(requested),
     });
     this.sources = new Sources(store, {
-      largest: this.renderer.largestPicture,
+      maximum: this.renderer.maxImageSide,
       changed: () => this.sourceChanged(),
-      take: (source) => this.others.take(source),
-      give: (source, feed) => this.others.give(source, feed),
+      take: (source) => this.additional.take(source),
+      give: (source, feed) => this.additional.give(source, feed),
       opened: (feed) => background(this.first.look(feed)),
       calibrated: (file, name) => this.sensor.load(file, name),
     });
-    this.others = new Others({
+    this.additional = new AdditionalImages({
       open: (source, signal) => this.sources.feedNamed(source, signal),
       fetch: (s) => this.sensor.fetch(s),
       fit: (camera, feed, rim) => this.rim.fit(camera, feed, rim),
-      states: () => this.views.others(),
+      states: () => this.views.additional(),
       changed: () => this.refresh(),
     });
-    this.first = new FirstLook(store, {
+    this.first = new CameraQuestion(store, {
       rim: this.rim,
       sensor: () => this.sensor,
       feed: () => this.feed,
@@ -156,8 +156,8 @@ export class Look {
 
   // -- drawing ------------------------------------------------------------------------------------
 
-  private refresh(isPictureNew = false): void {
-    this.isPictureNew ||= isPictureNew;
+  private refresh(isImageNew = false): void {
+    this.isImageNew ||= isImageNew;
     if (this.isDirty) return;
     this.isDirty = true;
     requestAnimationFrame(() => {
@@ -185,7 +185,7 @@ export class Look {
   /** Pass camera and image to the renderer; null if there is nothing to display. */
   private ready(): Camera | null {
     const { feed } = this;
-    if (feed && this.isPictureNew) this.circle.drawPicture(feed);
+    if (feed && this.isImageNew) this.circle.drawImage(feed);
     if (!this.sensor.camera) return null;
     const camera = (this.camera = this.rim.fit(this.sensor.camera, feed));
     this.rim.show(camera, this.feed);
@@ -195,23 +195,23 @@ export class Look {
     this.canvas.hidden = byId("command").hidden = problem !== null;
     if (problem) return null;
     this.renderer.setCamera(camera);
-    if (this.isPictureNew) this.renderer.setPicture(feed.picture, feed.width, feed.height);
-    if (this.isPictureNew) this.renderer.setRestored(this.wipe.picture);
-    this.isPictureNew = false;
+    if (this.isImageNew) this.renderer.setImage(feed.image, feed.width, feed.height);
+    if (this.isImageNew) this.renderer.setRestored(this.wipe.image);
+    this.isImageNew = false;
     return camera;
   }
 
   private draw(): void {
     const camera = this.ready();
     if (!camera || !this.feed) return;
-    const { view, places } = this.lay();
+    const { view, places } = this.layOut();
     this.wipe.follow(camera, this.feed, this.canvas);
     this.paint(this.isRough());
     this.circle.drawView(camera, view);
     put("command-line", this.command(this.place));
     this.level.follow(camera, this.feed);
     this.level.show(camera, this.canvas, this.place);
-    this.views.label(places, this.canvas, (s) => this.others.doubt(s));
+    this.views.label(places, this.canvas, (s) => this.additional.doubt(s));
     this.showFiles(camera, this.feed);
     this.showDoubt(camera, this.feed);
   }
@@ -219,34 +219,34 @@ export class Look {
   /** Redraw with full quality; return the canvas, or null if there is no image. */
   private drawn(): HTMLCanvasElement | null {
     if (!this.ready()) return null;
-    this.lay();
+    this.layOut();
     this.paint(false);
     return this.canvas;
   }
 
   /** Draw all views: those of the main image, then those of others. */
   private paint(isRough: boolean): void {
-    const { view, places } = this.laid!;
+    const { view, places } = this.layout!;
     this.renderer.draw(view, isRough, this.wipe.share);
-    for (const { seen, state, parts } of places)
-      if (seen && seen.camera !== this.camera)
-        this.renderer.add({ ...view, parts }, seen, state.source);
-    this.renderer.keepPictures(places.map(({ state }) => state.source));
+    for (const { cameraFeed, state, parts } of places)
+      if (cameraFeed && cameraFeed.camera !== this.camera)
+        this.renderer.add({ ...view, parts }, cameraFeed, state.source);
+    this.renderer.retainImages(places.map(({ state }) => state.source));
   }
 
   private restored(): void {
-    this.renderer.setRestored(this.wipe.picture);
+    this.renderer.setRestored(this.wipe.image);
     this.refresh();
   }
 
-  private command({ state, view, seen }: Place): string {
-    const { camera, feed } = seen ?? { camera: this.camera!, feed: this.feed! };
+  private command({ state, view, cameraFeed }: Place): string {
+    const { camera, feed } = cameraFeed ?? { camera: this.camera!, feed: this.feed! };
     return commandOf(state, camera, feed, view.width, view.height);
   }
 
   /** Return the command lines of all displayed views. */
   private commands(): string {
-    return this.lay()
+    return this.layOut()
       .places.map((place) => this.command(place))
       .join("\n");
   }
@@ -258,17 +258,17 @@ export class Look {
       ? ". The position of the mirror is assumed: fit the circle, or select the sensor of this image"
       : "";
     put(
-      "picture-words",
+      "image-info",
       `${feed.name}, ${feed.width} × ${feed.height} px${doubt || this.rim.words(feed)}`,
     );
   }
 
   /** Offer unsaved files that the command requires. */
   private showFiles(camera: Camera, feed: Feed): void {
-    const sensor = needsFile(camera) ? fittedName(camera) : this.sensor.made?.name;
-    byId("save-picture").hidden = !feed.made;
+    const sensor = needsFile(camera) ? fittedName(camera) : this.sensor.createdFile?.name;
+    byId("save-image").hidden = !feed.renderedFile;
     byId("save-sensor").hidden = !sensor || !this.sources.hasServer;
-    const files = [feed.made && feed.name, sensor].filter(Boolean).join(" and ");
+    const files = [feed.renderedFile && feed.name, sensor].filter(Boolean).join(" and ");
     const once = files ? ` (save ${files} first)` : "";
     put("command-title", `Equivalent command${once}`);
   }
@@ -276,25 +276,27 @@ export class Look {
   /** Draw with fewer samples while the view moves. */
   private isRough(): boolean {
     clearTimeout(this.resting);
-    if (this.laid?.places.some(({ seen }) => seen?.feed.moves)) return true;
+    if (this.layout?.places.some(({ cameraFeed }) => cameraFeed?.feed.moves)) return true;
     const rested = performance.now() - this.movedAt;
     if (rested < REST_MS) this.resting = window.setTimeout(() => this.refresh(), REST_MS - rested);
     return rested < REST_MS;
   }
 
   /** Lay out the views in the available area. */
-  private lay(): Laid {
+  private layOut(): Layout {
     const { width, height } = byId("pane").getBoundingClientRect();
-    const shown: Seen = { camera: this.camera!, feed: this.feed! };
-    this.others.hold();
+    const shown: CameraFeed = { camera: this.camera!, feed: this.feed! };
+    this.additional.hold();
     const states = this.views.states();
-    const seen = states.map((s) => (this.views.isOther(s) ? this.others.seenBy(s) : shown));
-    return (this.laid = lay(states, seen, shown.camera, this.canvas, { width, height }));
+    const cameraFeed = states.map((s) =>
+      this.views.isOther(s) ? this.additional.seenBy(s) : shown,
+    );
+    return (this.layout = layOut(states, cameraFeed, shown.camera, this.canvas, { width, height }));
   }
 
   /** Active view. */
   private get place(): Place {
-    const { places } = this.laid ?? this.lay();
+    const { places } = this.layout ?? this.layOut();
     return places[Math.min(this.views.active, places.length - 1)];
   }
 
@@ -312,12 +314,12 @@ export class Look {
     const horizon = {
       isDragged: () => this.level.isDragged(),
       drag: (from: PointerEvent, to: PointerEvent) => this.dragHorizon(from, to),
-      settle: () => this.sensor.settleLean(),
+      settle: () => this.sensor.settleTilt(),
     };
     const shown = {
       box: () => this.box(),
       choose: (e: PointerEvent) =>
-        this.views.chooseAt(this.laid?.places ?? [], e.offsetX, e.offsetY),
+        this.views.chooseAt(this.layout?.places ?? [], e.offsetX, e.offsetY),
     };
     const gestures = new Gestures(
       this.canvas,

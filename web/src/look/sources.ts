@@ -6,22 +6,22 @@ import { checkReadable, isVideo } from "../shared/media";
 import { banner, busy, fail } from "../shared/notices";
 import type { State } from "../shared/state";
 import type { Store } from "../shared/store";
-import { NO_ANSWER } from "../shared/texts";
+import { NO_RESPONSE } from "../shared/texts";
 import { blob } from "./embedded";
-import { addressFeed, type Feed, pictureFeed, streamFeed, videoFeed } from "./feeds/feed";
-import { identityIn, identityOf, keepPicture, keptPicture, sourceOf } from "./feeds/kept";
+import { addressFeed, type Feed, imageFeed, streamFeed, videoFeed } from "./feeds/feed";
+import { identityIn, identityOf, storeImage, storedImage, sourceOf } from "./feeds/image_storage";
 import { Playback } from "./feeds/playback";
 import { Webcams } from "./feeds/webcams";
-import * as supply from "./supply";
+import * as supply from "./data_source";
 
 const INVITATION = "Drop an image or video here";
 const INVITATION_MORE =
   "Captured with a curved mirror, a mirror ball or a fisheye lens. It remains on this machine.";
 
 /** Interface of the tab for the sources. */
-interface Hands {
+interface Callbacks {
   /** Maximum texture size, px per side. */
-  largest: number;
+  maximum: number;
   /** Called when the image changes. */
   changed: () => void;
   /** Image of an additional view that becomes the main one; null if it is not open. */
@@ -50,7 +50,7 @@ export class Sources {
 
   constructor(
     private readonly store: Store,
-    private readonly hands: Hands,
+    private readonly callbacks: Callbacks,
   ) {
     this.showWhether(false);
     store.listen(
@@ -71,7 +71,7 @@ export class Sources {
     if (location.protocol !== "file:")
       return this.open(`Reading ${name}`, () => addressFeed(media, name), "", true);
     const before = identityIn(this.store.state.source);
-    const file = before?.name === name ? await keptPicture(before) : undefined;
+    const file = before?.name === name ? await storedImage(before) : undefined;
     if (file) return this.openFile(file.blob, file.name, false);
     this.invite(
       `Drop ${name} here`,
@@ -101,26 +101,26 @@ export class Sources {
       return fail(e);
     }
     if (/\.omnimirror$/i.test(name)) return this.projects(file);
-    if (/\.(toml|txt)$/i.test(name)) return this.hands.calibrated(file, name);
+    if (/\.(toml|txt)$/i.test(name)) return this.callbacks.calibrated(file, name);
     const make = (): Promise<Feed> => this.feedOf(file, name);
     if (!isNew) return this.open(`Reading ${name}`, make, "", true);
     const identity = await identityOf(file, name);
     const isWanted = identityIn(this.store.state.source)?.id === identity.id; // for example, requested by a link
     const makeAndKeep = async (): Promise<Feed> => {
       const feed = await make();
-      await keepPicture(identity, { blob: file, name }); // stored before the address names it, so that a reload finds it
+      await storeImage(identity, { blob: file, name }); // stored before the address names it, so that a reload finds it
       return feed;
     };
     await this.open(`Reading ${name}`, makeAndKeep, sourceOf(identity), isWanted);
   }
 
-  async openRoom(turns = true): Promise<void> {
+  async openRoom(addsHistory = true): Promise<void> {
     await this.open(
       "Rendering an image of a room",
       () => roomOf(this.store.state.sensor),
       "room",
       false,
-      turns,
+      addsHistory,
     );
   }
 
@@ -131,28 +131,28 @@ export class Sources {
       .map((o) => ({ source: `server:${o.value}`, name: o.textContent ?? o.value }));
   }
 
-  async openServer(id: string, isAsked = false): Promise<void> {
+  async openServer(id: string, isPending = false): Promise<void> {
     const source = `server:${id}`;
     const name = this.options.find((o) => o.value === id)?.textContent;
     if (!name)
       return fail(
-        new api.Refused(
+        new api.RequestRejected(
           `The address requires ${id}, which is not available on this server. Open an image, or select an available source.`,
         ),
       );
     this.heard = source;
     await this.open(
       `Opening ${name}`,
-      async (signal) => this.hands.take(source) ?? this.feedOfServer(source, signal),
+      async (signal) => this.callbacks.take(source) ?? this.feedOfServer(source, signal),
       source,
-      isAsked,
+      isPending,
     );
   }
 
   /** Open a stored image, or a source of the server. */
   async feedNamed(source: string, signal: AbortSignal): Promise<Feed> {
     const identity = identityIn(source);
-    const file = identity && (await keptPicture(identity));
+    const file = identity && (await storedImage(identity));
     return file ? this.feedOf(file.blob, file.name) : this.feedOfServer(source, signal);
   }
 
@@ -160,22 +160,22 @@ export class Sources {
   private async feedOfServer(source: string, signal: AbortSignal): Promise<Feed> {
     const id = source.replace(/^server:/, "");
     const option = this.options.find((o) => o.value === id);
-    if (!option) throw new api.Refused(`${id} is not available on this server.`);
+    if (!option) throw new api.RequestRejected(`${id} is not available on this server.`);
     const name = option.textContent ?? id;
-    const told = (state: StreamState | null): void => {
+    const onState = (state: StreamState | null): void => {
       const fine = state?.state === "playing";
       if (source === this.heard)
         banner(
           fine
             ? null
-            : (state?.sentence ?? `${NO_ANSWER} ${name} resumes when the connection is restored.`),
-          "picture",
+            : (state?.message ?? `${NO_RESPONSE} ${name} resumes when the connection is restored.`),
+          "image",
         );
     };
     const feed =
-      option.dataset.kind === "picture"
-        ? await pictureFeed(await api.picture(id), name, true)
-        : await streamFeed(id, name, told, signal);
+      option.dataset.kind === "image"
+        ? await imageFeed(await api.image(id), name, true)
+        : await streamFeed(id, name, onState, signal);
     return Object.assign(feed, { source: option.dataset.command });
   }
 
@@ -199,13 +199,13 @@ export class Sources {
     };
   }
 
-  private async openWebcam(id: string, isAsked = false): Promise<void> {
-    const lost = (sentence: string): void => banner(sentence, "picture");
+  private async openWebcam(id: string, isPending = false): Promise<void> {
+    const lost = (message: string): void => banner(message, "image");
     await this.open(
       "Waiting for the camera",
       () => this.webcams.open(id, lost),
       (feed) => `webcam:${feed.device}`,
-      isAsked,
+      isPending,
     );
   }
 
@@ -215,8 +215,8 @@ export class Sources {
     this.supersede(); // cancels earlier requests
     busy(null);
     if (this.shown === nameOf(source, sensor)) return;
-    const held = this.hands.take(source);
-    if (held) return this.showHeld(held, source);
+    const openFeed = this.callbacks.take(source);
+    if (openFeed) return this.showHeld(openFeed, source);
     if (this.feed) this.close();
     const [kind, rest] = [source.split(":", 1)[0], source.slice(source.indexOf(":") + 1)];
     if (kind === "room")
@@ -227,12 +227,12 @@ export class Sources {
     if (!identity)
       return source
         ? fail(
-            new api.Refused(
+            new api.RequestRejected(
               `The address contains an invalid source, ${source}; open an image instead.`,
             ),
           )
         : undefined;
-    const file = identity.id ? await keptPicture(identity) : undefined;
+    const file = identity.id ? await storedImage(identity) : undefined;
     if (file && source === this.store.state.source)
       return this.open(
         `Reading ${file.name}`,
@@ -252,7 +252,7 @@ export class Sources {
     this.heard = source;
     this.show(feed);
     this.call(source);
-    banner(null, "picture");
+    banner(null, "image");
   }
 
   /** Cancel the current request; returns the signal of the next one. */
@@ -262,13 +262,13 @@ export class Sources {
     return this.opening.signal;
   }
 
-  /** Open a source and name it in the state; `isAsked` for a source that the state already names. */
+  /** Open a source and name it in the state; `isPending` for a source that the state already names. */
   private async open(
     words: string,
     make: (signal: AbortSignal) => Promise<Feed>,
     source: string | ((feed: Feed) => string) = "",
-    isAsked = false,
-    turns = !isAsked,
+    isPending = false,
+    addsHistory = !isPending,
   ): Promise<void> {
     const signal = this.supersede();
     busy(`${words}…`);
@@ -276,14 +276,17 @@ export class Sources {
       const feed = await make(signal);
       if (signal.aborted) return feed.close();
       const isAlike =
-        isAsked ||
+        isPending ||
         (source !== "room" && this.feed?.width === feed.width && this.feed.height === feed.height);
       const named = typeof source === "string" ? source : source(feed);
       this.show(feed);
-      banner(null, "picture");
+      banner(null, "image");
       this.call(nameOf(named, this.store.state.sensor));
-      this.store.set({ ...(source && { source: named }), ...(!isAlike && { rim: null }) }, turns);
-      if (!isAsked && identityIn(named)) this.hands.opened(feed);
+      this.store.set(
+        { ...(source && { source: named }), ...(!isAlike && { rim: null }) },
+        addsHistory,
+      );
+      if (!isPending && identityIn(named)) this.callbacks.opened(feed);
     } catch (e) {
       if (!signal.aborted) fail(e);
     } finally {
@@ -293,22 +296,22 @@ export class Sources {
 
   private feedOf(file: Blob, name: string): Promise<Feed> {
     if (isVideo(file, name)) return videoFeed(file, name);
-    return api.asShown(file, name).then((shown) => pictureFeed(shown, name, this.hasServer));
+    return api.asShown(file, name).then((shown) => imageFeed(shown, name, this.hasServer));
   }
 
   private show(feed: Feed): void {
-    const { largest } = this.hands;
-    if (Math.max(feed.width, feed.height) > largest) {
+    const { maximum } = this.callbacks;
+    if (Math.max(feed.width, feed.height) > maximum) {
       feed.close();
-      throw new api.Refused(
-        `${feed.name} is ${feed.width} × ${feed.height} px; the maximum of this graphics card is ${largest} px per side.`,
+      throw new api.RequestRejected(
+        `${feed.name} is ${feed.width} × ${feed.height} px; the maximum of this graphics card is ${maximum} px per side.`,
       );
     }
-    if (this.feed && this.feed !== feed) this.hands.give(this.shown, this.feed);
+    if (this.feed && this.feed !== feed) this.callbacks.give(this.shown, this.feed);
     this.feed = feed;
     this.playback.follow(feed.video ?? null);
     this.showWhether(true);
-    this.hands.changed();
+    this.callbacks.changed();
   }
 
   /** Set the displayed source. */
@@ -325,10 +328,10 @@ export class Sources {
     this.feed = null;
     this.call("");
     this.playback.follow(null);
-    this.hands.changed();
-    banner(null, "picture");
+    this.callbacks.changed();
+    banner(null, "image");
     this.showWhether(false);
-    byId("picture-words").textContent = "No image.";
+    byId("image-info").textContent = "No image.";
     this.invite(INVITATION, INVITATION_MORE);
   }
 
@@ -338,18 +341,21 @@ export class Sources {
   }
 
   /** Show or hide elements that require an image. */
-  private showWhether(hasPicture: boolean): void {
-    document.body.classList.toggle("empty", !hasPicture);
-    byId("empty").hidden = hasPicture;
-    if (!hasPicture) byId("view").hidden = byId("command").hidden = true;
+  private showWhether(hasImage: boolean): void {
+    document.body.classList.toggle("empty", !hasImage);
+    byId("empty").hidden = hasImage;
+    if (!hasImage) byId("view").hidden = byId("command").hidden = true;
     for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]"))
-      allow(element, hasPicture ? null : "Open an image first.");
+      allow(element, hasImage ? null : "Open an image first.");
   }
 }
 
 async function roomOf(sensor: string): Promise<Feed> {
-  const made = await supply.room(sensor);
-  return { ...(await pictureFeed(made, supply.alone ? "circle.jpg" : "circle.png", true)), made };
+  const room = await supply.room(sensor);
+  return {
+    ...(await imageFeed(room, supply.alone ? "circle.jpg" : "circle.png", true)),
+    renderedFile: room,
+  };
 }
 
 const nameOf = (source: string, sensor: string): string =>

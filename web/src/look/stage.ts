@@ -1,7 +1,7 @@
 import type { State } from "../shared/state";
-import type { Seen } from "./feeds/feed";
+import type { CameraFeed } from "./feeds/feed";
 import type { Camera } from "./geometry/camera";
-import { arranged, type Cell, within } from "./geometry/arrangement";
+import { arranged, type Cell, within } from "./geometry/view_arrangement";
 import { aspectOf, type View, viewOf } from "./geometry/views";
 
 const NARROW = matchMedia("(max-width: 899px), (max-height: 479px)");
@@ -16,28 +16,28 @@ export interface Place extends Cell {
   state: State;
   view: View;
   /** Image and camera; null while loading. */
-  seen: Seen | null;
+  cameraFeed: CameraFeed | null;
   /** Parts of the view at their canvas positions. */
   parts: View["parts"];
 }
 
 /** Layout: all views, and the combined view of those with the main image. */
-export interface Laid {
+export interface Layout {
   places: Place[];
   view: View;
 }
 
 /** Lay out views on a canvas in the available area and resize it: one with its aspect ratio, or several side by side; views without an image use the main camera. */
-export function lay(
+export function layOut(
   states: readonly State[],
-  seen: readonly (Seen | null)[],
+  cameraFeed: readonly (CameraFeed | null)[],
   shown: Camera,
   canvas: HTMLCanvasElement,
   room: { width: number; height: number },
-): Laid {
+): Layout {
   const dots = Math.min(devicePixelRatio, MAX_DOTS);
   const pixels = (side: number): number => Math.max(2, Math.floor(side * dots));
-  const through = seen.map((one) => one?.camera ?? shown);
+  const through = cameraFeed.map((one) => one?.camera ?? shown);
   const aspects = states.map((s, i) => aspectOf(s, through[i]));
   const isOne = states.length === 1;
   const cells = isOne
@@ -45,7 +45,13 @@ export function lay(
     : arranged(aspects, room.width, room.height);
   const places = states.map((state, i): Place => {
     const view = viewOf(state, through[i], pixels(cells[i].width), pixels(cells[i].height));
-    return { ...cells[i], state, view, seen: seen[i], parts: moved(view, cells[i], dots) };
+    return {
+      ...cells[i],
+      state,
+      view,
+      cameraFeed: cameraFeed[i],
+      parts: moved(view, cells[i], dots),
+    };
   });
   const { width, height } = isOne
     ? places[0].view
@@ -57,7 +63,7 @@ export function lay(
     view: {
       width,
       height,
-      parts: places.filter((p) => p.seen?.camera === shown).flatMap((p) => p.parts),
+      parts: places.filter((p) => p.cameraFeed?.camera === shown).flatMap((p) => p.parts),
     },
   };
 }

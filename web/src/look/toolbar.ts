@@ -4,14 +4,14 @@ import { byId, save } from "../shared/dom";
 import { copy, fail, say } from "../shared/notices";
 import type { Store } from "../shared/store";
 import { fittedName, needsFile } from "./command";
-import { identityIn } from "./feeds/kept";
+import { identityIn } from "./feeds/image_storage";
 import { withTexts } from "./feeds/png";
 import type { Camera } from "./geometry/camera";
 import type { SensorPanel } from "./panels/sensor";
 import type { Sources } from "./sources";
 
 /** Interface of the tab for the toolbar. */
-interface Hands {
+interface Callbacks {
   sources: Sources;
   sensor: SensorPanel;
   /** Current camera with its fitted circle. */
@@ -26,9 +26,9 @@ interface Hands {
 export class Toolbar {
   constructor(
     private readonly store: Store,
-    private readonly hands: Hands,
+    private readonly callbacks: Callbacks,
   ) {
-    const { sources } = hands;
+    const { sources } = callbacks;
     const file = byId<HTMLInputElement>("file");
     for (const id of ["open", "choose"]) byId(id).addEventListener("click", () => file.click());
     file.addEventListener("change", () => {
@@ -57,9 +57,9 @@ export class Toolbar {
       background(copy(byId("command-line").textContent ?? "", "Command")),
     );
     byId("save-sensor").addEventListener("click", () => background(this.saveSensor()));
-    byId("save-picture").addEventListener(
+    byId("save-image").addEventListener(
       "click",
-      () => sources.feed?.made && save(sources.feed.made, sources.feed.name),
+      () => sources.feed?.renderedFile && save(sources.feed.renderedFile, sources.feed.name),
     );
     this.bindDropping();
   }
@@ -78,7 +78,7 @@ export class Toolbar {
       e.preventDefault();
       frame.classList.remove("dropping");
       const file = e.dataTransfer?.files[0];
-      if (file) background(this.hands.sources.openFile(file, file.name));
+      if (file) background(this.callbacks.sources.openFile(file, file.name));
     });
   }
 
@@ -87,7 +87,7 @@ export class Toolbar {
     const { source, sensor } = this.store.state;
     const missing = [
       identityIn(source)?.name,
-      sensor.startsWith("file:") ? this.hands.camera()?.model.name : null,
+      sensor.startsWith("file:") ? this.callbacks.camera()?.model.name : null,
     ]
       .filter(Boolean)
       .join(" and ");
@@ -100,25 +100,25 @@ export class Toolbar {
   }
 
   private async snapshot(): Promise<void> {
-    const canvas = this.hands.drawn(); // the drawing buffer is cleared after display
+    const canvas = this.callbacks.drawn(); // the drawing buffer is cleared after display
     if (!canvas) return;
     const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
     if (!png) return say("The browser could not create the image.");
     const texts = {
       Software: "omnimirror studio",
-      Comment: this.hands.commands(),
-      Source: this.hands.sources.feed?.name ?? "",
+      Comment: this.callbacks.commands(),
+      Source: this.callbacks.sources.feed?.name ?? "",
     };
     save(await withTexts(png, texts), `${this.store.state.mode}.png`);
   }
 
   /** Save the file of a sensor with a fitted circle, or of one created by the page. */
   private async saveSensor(): Promise<void> {
-    const camera = this.hands.camera()!;
-    const { made } = this.hands.sensor;
-    if (made && !needsFile(camera)) return save(made.blob, made.name);
+    const camera = this.callbacks.camera()!;
+    const { createdFile } = this.callbacks.sensor;
+    if (createdFile && !needsFile(camera)) return save(createdFile.blob, createdFile.name);
     const { u, v, radius } = camera.circle;
-    const wanted = {
+    const requested = {
       id: camera.model.id,
       mount: camera.model.mount,
       image_size: [...camera.size] as [number, number],
@@ -127,7 +127,7 @@ export class Toolbar {
     };
     try {
       save(
-        new Blob([await api.sensorFile(wanted)], { type: "application/toml" }),
+        new Blob([await api.sensorFile(requested)], { type: "application/toml" }),
         fittedName(camera),
       );
     } catch (e) {

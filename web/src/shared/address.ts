@@ -1,4 +1,14 @@
-import { FITS, INITIAL, limited, LOOKS, MODES, RANGES, type State, TABS, viewsIn } from "./state";
+import {
+  FITS,
+  INITIAL,
+  limited,
+  CAMERA_ORIENTATIONS,
+  MODES,
+  RANGES,
+  type State,
+  TABS,
+  viewsIn,
+} from "./state";
 
 /** Return the fragment of the address with the state that differs from the default; "" if there is none. */
 export function toHash(s: State): string {
@@ -21,7 +31,7 @@ export function toHash(s: State): string {
 }
 
 /** Parse the state of an address. Invalid entries are ignored and reported. */
-export function fromHash(hash: string): { state: State; trouble: string | null } {
+export function fromHash(hash: string): { state: State; error: string | null } {
   const parts = new URLSearchParams(hash.replace(/^#/, ""));
   const s: State = { ...INITIAL };
   const wrong: string[] = [];
@@ -52,7 +62,7 @@ export function fromHash(hash: string): { state: State; trouble: string | null }
   }
   take("tab", oneOf(TABS), `one of ${TABS.join(", ")}`);
   take("mode", oneOf(MODES), `one of ${MODES.join(", ")}`);
-  take("looks", oneOf(LOOKS), `one of ${LOOKS.join(", ")}`);
+  take("looks", oneOf(CAMERA_ORIENTATIONS), `one of ${CAMERA_ORIENTATIONS.join(", ")}`);
   take("fit", oneOf(FITS), `one of ${FITS.join(", ")}`);
   for (const key of ["flipped", "beside", "all"] as const)
     take(key, (text) => ({ true: true, false: false })[text], "true or false");
@@ -60,10 +70,10 @@ export function fromHash(hash: string): { state: State; trouble: string | null }
   take("rim", circle, "u,v,radius in px");
   for (const key of ["design", "errors", "source", "sensor"] as const)
     s[key] = parts.get(key) || s[key];
-  const trouble = wrong.length
+  const error = wrong.length
     ? `Ignored invalid entries of the address: ${wrong.join("; ")}.`
     : null;
-  return { state: limited(s), trouble };
+  return { state: limited(s), error };
 }
 
 function circle(text: string): [number, number, number] | undefined {

@@ -1,4 +1,4 @@
-import { pack, unpack } from "./framing";
+import { pack, unpack } from "./binary_messages";
 import type {
   BenchSensor,
   BenchStart,
@@ -33,20 +33,20 @@ import type {
   YieldRequest,
   YieldResult,
 } from "./messages";
-import { AWAY } from "./texts";
+import { SERVER_UNAVAILABLE } from "./texts";
 
 /** Request rejected by the server, with its message. */
-export class Refused extends Error {
+export class RequestRejected extends Error {
   override readonly name = "Refused";
 }
 
 /** The server does not respond. */
-export class Away extends Error {
+export class ServerUnavailable extends Error {
   override readonly name = "Away";
 }
 
 /** Return true if an error has a message for users. The name is compared, because each script has its own classes. */
-export const isForeseen = (e: unknown): e is Error =>
+export const isUserError = (e: unknown): e is Error =>
   e instanceof Error && (e.name === "Refused" || e.name === "Away");
 
 /** Whether images are shown as stored (--set input.stored_orientation=true), without the rotation that browsers apply. */
@@ -67,88 +67,89 @@ export const socketAddress = (path: string): string =>
 
 // -- tab Look -------------------------------------------------------------------------------------
 
-export const start = (): Promise<PageStart> => got("api/start");
+export const start = (): Promise<PageStart> => getJson("api/start");
 
 export async function camera(
-  asked: CameraRequest,
+  request: CameraRequest,
 ): Promise<{ model: CameraInfo; tables: Float32Array }> {
-  const { id, image_flipped } = asked;
+  const { id, image_flipped } = request;
   const [model, tables] = await Promise.all([
-    got<CameraInfo>("api/camera", { ...asked }),
+    getJson<CameraInfo>("api/camera", { ...request }),
     ask(to("api/camera/tables", { id, image_flipped })).then((answer) => answer.arrayBuffer()),
   ]);
   return { model, tables: new Float32Array(tables) };
 }
 
 export const room = async (id: string): Promise<Blob> => (await ask(to("api/room", { id }))).blob();
-export const picture = async (id: string): Promise<Blob> =>
-  (await ask(to("api/picture", { id }))).blob();
+export const image = async (id: string): Promise<Blob> =>
+  (await ask(to("api/image", { id }))).blob();
 export const convert = async (file: Blob, name: string): Promise<Blob> =>
-  (await handedUp("api/pictures", file, { name })).blob();
+  (await uploaded("api/convert", file, { name })).blob();
 /** Return an image file in the orientation for which the server is configured. */
 export const asShown = async (file: Blob, name: string): Promise<Blob> =>
   storedOrientation ? convert(file, name) : file;
-export const rim = (picture: Blob, name: string): Promise<DetectedOutline> =>
-  json(handedUp("api/rim", picture, { name }));
-export const level = (asked: LevelRequest, picture: Blob): Promise<EstimatedTilt | null> =>
-  json(ask("api/level", { method: "POST", body: pack(asked, picture) }));
+export const rim = (image: Blob, name: string): Promise<DetectedOutline> =>
+  json(uploaded("api/rim", image, { name }));
+export const level = (request: LevelRequest, image: Blob): Promise<EstimatedTilt | null> =>
+  json(ask("api/level", { method: "POST", body: pack(request, image) }));
 /** Return the restored image, and a note on the removed blur. */
 export async function restored(
-  asked: RestoreRequest,
-  picture: Blob,
-): Promise<{ made: Blob; note: string }> {
-  const answer = await ask("api/restore", { method: "POST", body: pack(asked, picture) });
-  return { made: await answer.blob(), note: answer.headers.get("omnimirror-note") ?? "" };
+  request: RestoreRequest,
+  image: Blob,
+): Promise<{ image: Blob; note: string }> {
+  const answer = await ask("api/restore", { method: "POST", body: pack(request, image) });
+  return { image: await answer.blob(), note: answer.headers.get("omnimirror-note") ?? "" };
 }
 export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
-  json(handedUp("api/sensors", file, { name, optics }));
-export const sensorFile = async (asked: SensorFileRequest): Promise<string> =>
-  (await posted("api/sensor-file", asked)).text();
+  json(uploaded("api/sensors", file, { name, optics }));
+export const sensorFile = async (request: SensorFileRequest): Promise<string> =>
+  (await posted("api/sensor-file", request)).text();
 
 // -- tab Design -----------------------------------------------------------------------------------
 
-export const benchStart = (): Promise<BenchStart> => got("api/bench");
-export const bundled = (name: string): Promise<BenchSensor> => got("api/bench/sensor", { name });
-export const change = (asked: DesignChange): Promise<BenchSensor> =>
-  json(posted("api/bench/change", asked));
-export const slides = (asked: SliderRequest): Promise<SliderViolations> =>
-  json(posted("api/bench/slides", asked));
+export const benchStart = (): Promise<BenchStart> => getJson("api/bench");
+export const bundled = (name: string): Promise<BenchSensor> =>
+  getJson("api/bench/sensor", { name });
+export const change = (request: DesignChange): Promise<BenchSensor> =>
+  json(posted("api/bench/change", request));
+export const feasibleRanges = (request: SliderRequest): Promise<SliderViolations> =>
+  json(posted("api/bench/slides", request));
 export const openFile = (file: Blob, name: string): Promise<ImportedFile> =>
-  json(handedUp("api/bench/open", file, { name }));
+  json(uploaded("api/bench/open", file, { name }));
 export const requirements = async (file: RequirementFileRequest): Promise<Blob> =>
   (await posted("api/bench/requirements", file)).blob();
 
-export async function download(asked: FileRequest): Promise<{ blob: Blob; name: string }> {
-  const answer = await posted("api/bench/file", asked);
+export async function download(request: FileRequest): Promise<{ blob: Blob; name: string }> {
+  const answer = await posted("api/bench/file", request);
   const name =
     /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
   return { blob: await answer.blob(), name };
 }
 
 /** Request the progress of a file export; null before its start and after its end. */
-export const making = (asked: FileRequest): Promise<FileProgress | null> =>
-  json(posted("api/bench/making", asked));
+export const making = (request: FileRequest): Promise<FileProgress | null> =>
+  json(posted("api/bench/making", request));
 
 /** Request the rendered image of a room for a design, and its panorama. */
-export async function taken(asked: RenderRequest): Promise<{ picture: Blob; panorama: Blob }> {
-  const data = await (await posted("api/bench/picture", asked)).arrayBuffer();
+export async function renderRoom(request: RenderRequest): Promise<{ image: Blob; panorama: Blob }> {
+  const data = await (await posted("api/bench/image", request)).arrayBuffer();
   const { header, start } = unpack<RenderHeader>(data);
-  const middle = start + header.picture_bytes;
+  const middle = start + header.image_bytes;
   const jpeg = (from: number, to: number): Blob =>
     new Blob([data.slice(from, to)], { type: "image/jpeg" });
-  return { picture: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
+  return { image: jpeg(start, middle), panorama: jpeg(middle, middle + header.panorama_bytes) };
 }
 
-export const errors = (asked: ErrorSourcesRequest): Promise<ErrorSourceList> =>
-  json(posted("api/bench/errors", asked));
-export const yields = (asked: YieldRequest): Promise<YieldResult> =>
-  json(posted("api/bench/yield", asked));
+export const errors = (request: ErrorSourcesRequest): Promise<ErrorSourceList> =>
+  json(posted("api/bench/errors", request));
+export const yields = (request: YieldRequest): Promise<YieldResult> =>
+  json(posted("api/bench/yield", request));
 
 /** Request an as-built sensor: header, object positions, and displacements by calibration. */
 export async function built(
-  asked: AsBuiltRequest,
+  request: AsBuiltRequest,
 ): Promise<AsBuiltResult & { places: Float32Array; left: Float32Array[] }> {
-  const data = await (await posted("api/bench/built", asked)).arrayBuffer();
+  const data = await (await posted("api/bench/built", request)).arrayBuffer();
   const { header, start } = unpack<AsBuiltResult>(data);
   const pairs = (k: number): Float32Array =>
     new Float32Array(data, start + 8 * header.objects * k, 2 * header.objects);
@@ -157,17 +158,17 @@ export async function built(
 
 // -- tab Calibrate --------------------------------------------------------------------------------
 
-export const calibrateStart = (): Promise<CalibrationOptions> => got("api/calibrate");
+export const calibrateStart = (): Promise<CalibrationOptions> => getJson("api/calibrate");
 export const look = (
-  picture: Blob,
-  asked: BoardDetectionRequest,
+  image: Blob,
+  request: BoardDetectionRequest,
   signal: AbortSignal,
 ): Promise<BoardDetection> =>
-  json(ask(to("api/calibrate/look", { ...asked }), { method: "POST", body: picture, signal }));
-export const together = (asked: MultiImageRequest): Promise<MultiImageSummary> =>
-  json(posted("api/calibrate/together", asked));
-export const straight = async (asked: BoardViewRequest, picture: Blob): Promise<Blob> =>
-  (await ask("api/calibrate/straight", { method: "POST", body: pack(asked, picture) })).blob();
+  json(ask(to("api/calibrate/look", { ...request }), { method: "POST", body: image, signal }));
+export const analysis = (request: MultiImageRequest): Promise<MultiImageSummary> =>
+  json(posted("api/calibrate/together", request));
+export const straight = async (request: BoardViewRequest, image: Blob): Promise<Blob> =>
+  (await ask("api/calibrate/straight", { method: "POST", body: pack(request, image) })).blob();
 
 // -- implementation -------------------------------------------------------------------------------
 
@@ -175,8 +176,8 @@ type Query = Record<string, unknown>;
 
 const json = async <T>(answer: Promise<Response>): Promise<T> =>
   (await answer).json() as Promise<T>;
-const got = <T>(path: string, query: Query = {}): Promise<T> => json(ask(to(path, query)));
-const handedUp = (path: string, file: Blob, query: Query): Promise<Response> =>
+const getJson = <T>(path: string, query: Query = {}): Promise<T> => json(ask(to(path, query)));
+const uploaded = (path: string, file: Blob, query: Query): Promise<Response> =>
   ask(to(path, query), { method: "POST", body: file });
 const posted = (path: string, body: unknown): Promise<Response> =>
   ask(path, {
@@ -187,9 +188,11 @@ const posted = (path: string, body: unknown): Promise<Response> =>
 
 /** Return a URL with a query; null and undefined values are omitted. */
 function to(path: string, query: Query): string {
-  const given = Object.entries(query).filter(([, value]) => value !== null && value !== undefined);
-  return given.length
-    ? `${path}?${new URLSearchParams(given.map(([key, value]) => [key, String(value)]))}`
+  const entries = Object.entries(query).filter(
+    ([, value]) => value !== null && value !== undefined,
+  );
+  return entries.length
+    ? `${path}?${new URLSearchParams(entries.map(([key, value]) => [key, String(value)]))}`
     : path;
 }
 
@@ -197,17 +200,17 @@ function to(path: string, query: Query): string {
 async function ask(url: string, init?: RequestInit): Promise<Response> {
   const answer = await fetch(url, init).catch((e: unknown) => {
     if (e instanceof DOMException && e.name === "AbortError") throw e; // cancelled by the caller
-    throw new Away(AWAY);
+    throw new ServerUnavailable(SERVER_UNAVAILABLE);
   });
   if (answer.ok) return answer;
   const body = (await answer.json().catch(() => null)) as { detail?: unknown } | null;
-  throw new Refused(
+  throw new RequestRejected(
     sentenceOf(body?.detail) ?? `The request failed (HTTP status ${answer.status}).`,
   );
 }
 
 /** Validation error of a request entry, as reported by the framework of the server. */
-interface Wrong {
+interface ValidationIssue {
   loc?: (string | number)[];
   msg?: string;
   input?: unknown;
@@ -215,7 +218,7 @@ interface Wrong {
 
 function sentenceOf(detail: unknown): string | null {
   if (typeof detail === "string") return detail;
-  const [first] = Array.isArray(detail) ? (detail as Wrong[]) : [];
+  const [first] = Array.isArray(detail) ? (detail as ValidationIssue[]) : [];
   if (!first?.msg) return null;
   const entry = first.loc?.at(-1) ?? "the request";
   const value = ["string", "number", "boolean"].includes(typeof first.input)
@@ -231,21 +234,21 @@ function sentenceOf(detail: unknown): string | null {
 export class ServerTask<TaskStatus> {
   private socket: WebSocket | null = null;
 
-  get isUnderWay(): boolean {
+  get isActive(): boolean {
     return this.socket !== null;
   }
 
   /** Send requests and receive messages until the end; `cutOff` is called if the connection fails. */
   begin(
     path: string,
-    asked: unknown[],
-    told: (news: TaskStatus) => void,
+    request: unknown[],
+    onStatus: (news: TaskStatus) => void,
     cutOff: () => void,
   ): void {
     this.end();
     const socket = (this.socket = new WebSocket(socketAddress(path)));
-    socket.onopen = () => asked.forEach((message) => socket.send(JSON.stringify(message)));
-    socket.onmessage = (e: MessageEvent<string>) => told(JSON.parse(e.data) as TaskStatus);
+    socket.onopen = () => request.forEach((message) => socket.send(JSON.stringify(message)));
+    socket.onmessage = (e: MessageEvent<string>) => onStatus(JSON.parse(e.data) as TaskStatus);
     socket.onclose = () => this.socket === socket && cutOff();
   }
 

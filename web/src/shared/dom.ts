@@ -46,9 +46,9 @@ export function hideComputed(place: ParentNode): void {
 }
 
 /** Parse data embedded in the page; null if absent. */
-export function heldBy<Held>(name: string): Held | null {
-  const found = document.getElementById(name)?.textContent;
-  return found ? (JSON.parse(found) as Held) : null;
+export function embeddedData<Data>(name: string): Data | null {
+  const result = document.getElementById(name)?.textContent;
+  return result ? (JSON.parse(result) as Data) : null;
 }
 
 let count = 0;

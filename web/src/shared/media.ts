@@ -1,6 +1,6 @@
 /** Videos and webcams. */
-import { Refused } from "./api";
-import { locals, parsed, put, taken } from "./storage";
+import { RequestRejected } from "./api";
+import { locals, parsed, put, load } from "./storage";
 
 /** Open webcam. */
 interface Webcam {
@@ -15,9 +15,9 @@ const LAST = 20;
 const FIRST_FRAME_MS = 10_000; // timeout of an opened webcam
 
 /** Open a webcam; `lost` is called when it is disconnected. */
-export async function openedWebcam(id: string, lost: (sentence: string) => void): Promise<Webcam> {
+export async function openedWebcam(id: string, lost: (message: string) => void): Promise<Webcam> {
   if (!navigator.mediaDevices)
-    throw new Refused("Browsers permit camera access only for local pages and over https.");
+    throw new RequestRejected("Browsers permit camera access only for local pages and over https.");
   let stream: MediaStream;
   try {
     const exact = id ? { deviceId: { exact: id } } : {};
@@ -28,11 +28,12 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
     const name = (e as DOMException).name;
     if (name === "OverconstrainedError" && id) return openedAgain(id, lost);
     if (name === "NotAllowedError")
-      throw new Refused(
+      throw new RequestRejected(
         "Camera access was denied. Allow it for this page in the address bar of the browser, and try again.",
       );
-    if (name === "NotFoundError") throw new Refused("No camera is connected to this machine.");
-    throw new Refused("The camera could not be opened; another program may be using it.");
+    if (name === "NotFoundError")
+      throw new RequestRejected("No camera is connected to this machine.");
+    throw new RequestRejected("The camera could not be opened; another program may be using it.");
   }
   const video = Object.assign(document.createElement("video"), {
     srcObject: stream,
@@ -43,7 +44,7 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
     await started(video, FIRST_FRAME_MS);
   } catch {
     release(video);
-    throw new Refused(
+    throw new RequestRejected(
       "The camera gives no image. Check that it is connected and that no other program uses it; then try again.",
     );
   }
@@ -62,10 +63,10 @@ export async function openedWebcam(id: string, lost: (sentence: string) => void)
 }
 
 const named = (): [string, string][] =>
-  (parsed(taken(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
+  (parsed(load(locals, NAMES) ?? "[]") as [string, string][] | undefined) ?? [];
 
 /** Reopen a webcam by name: browsers can change ids at every reload, but not names. */
-async function openedAgain(id: string, lost: (sentence: string) => void): Promise<Webcam> {
+async function openedAgain(id: string, lost: (message: string) => void): Promise<Webcam> {
   const name = named().find(([device]) => device === id)?.[1];
   const any = await openedWebcam("", lost); // after permission, all names are available
   const same = (await videoInputs()).find((d) => d.label === name);
@@ -111,7 +112,7 @@ export async function checkReadable(file: Blob, name: string): Promise<void> {
   try {
     await file.slice(0, 1).arrayBuffer();
   } catch {
-    throw new Refused(
+    throw new RequestRejected(
       `${name} cannot be read. Check that the file exists, is not a folder and is readable; then open it again.`,
     );
   }

@@ -3,7 +3,7 @@
 /** Error message with the entry that it concerns, if any. */
 export interface ApiError {
   path: string[];
-  sentence: string;
+  message: string;
 }
 
 /** Sensor with errors. */
@@ -37,7 +37,7 @@ export interface AsBuiltResult {
 export interface BenchSensor {
   tables: Record<string, any>;
   /** whether the lens position follows the mapping of the mirror */
-  follows: boolean;
+  follows_mapping: boolean;
 }
 
 /** Initial data of the bench. */
@@ -47,7 +47,7 @@ export interface BenchStart {
   lenses: PartInfo[];
   imager: PartInfo;
   /** position of a second mirror */
-  place: PartInfo;
+  secondary_position: PartInfo;
   /** mirror distance */
   mount: PartInfo;
   /** misalignment of the mirror */
@@ -99,12 +99,12 @@ export interface BoardDetectionRequest {
   legacy: boolean;
   name: string;
   /** fast detection for live cameras */
-  quick: boolean;
+  fast: boolean;
 }
 
 /** Pose of a board, used for its dewarped image. */
 export interface BoardPose {
-  picture: string;
+  image: string;
   /** rotation from the board frame to the world frame */
   rotation: number[];
   shift_mm: [number, number, number];
@@ -134,14 +134,14 @@ export interface BoardSpec {
 /** Dewarp request for an image of a board; the image follows. */
 export interface BoardViewRequest {
   camera_file: string;
-  place: BoardPose;
+  pose: BoardPose;
   name: string;
 }
 
 /** Calibration result of one image. */
 export interface CalibrationImage {
   name: string;
-  found: number;
+  corners: number;
   used: boolean;
   reason: string | null;
   rms_px: number | null;
@@ -166,7 +166,7 @@ export interface CalibrationOptions {
 /** Calibration request; followed by one message per image with its detection. */
 export interface CalibrationRequest {
   board: BoardSpec;
-  pictures: number;
+  images: number;
   model: string;
   optics: "mirror" | "fisheye";
   camera_looks: "up" | "down" | "forward";
@@ -188,23 +188,23 @@ export interface CalibrationResult {
   seconds: number;
   is_complete: boolean;
   image_size: [number, number];
-  pictures: CalibrationImage[];
+  images: CalibrationImage[];
   parameters: ParameterEstimate[];
   models: ModelComparisonRow[];
   outliers: OutlierCorner[];
   notes: string[];
   advice: string[];
   coverage: CoverageInfo;
-  places: BoardPose[];
+  poses: BoardPose[];
   camera_file: string;
 }
 
 /** Progress of a calibration: status, estimated camera, report, or error. */
 export interface CalibrationStatus {
   state: "running" | "done" | "reported" | "failed";
-  sentence: string;
-  share: number | null;
-  found: CalibrationResult | null;
+  message: string;
+  fraction: number | null;
+  result: CalibrationResult | null;
   report: string | null;
 }
 
@@ -253,7 +253,7 @@ export interface CoverageInfo {
   radii_px: number[];
   counts: number[][];
   /** recommended minimum number of corners per cell */
-  enough: number;
+  min_corners: number;
 }
 
 /** Manual deformation of a design curve through a point. */
@@ -268,7 +268,7 @@ export interface CurveEdit {
 /** Change of the kind of mirror or lens, or refocus by a merit. */
 export interface DesignChange {
   tables: Record<string, any>;
-  what: "mirror" | "lens" | "focus";
+  target: "mirror" | "lens" | "focus";
   to: string;
   /** null: infinite */
   object_distance_mm: number | null;
@@ -280,31 +280,31 @@ export interface DesignRequest {
   slot: number;
   number: number;
   tables: Record<string, any>;
-  follows: boolean;
+  follows_mapping: boolean;
   /** null: infinite */
   object_distance_mm: number | null;
-  section: boolean;
-  squares: boolean;
+  include_section: boolean;
+  include_squares: boolean;
   /** whether to return parts and rays for the 3-D view */
-  space: boolean;
+  include_3d: boolean;
   requirements: Record<string, any> | null;
   /** manual deformation applied before the evaluation */
-  bend: CurveEdit | null;
+  edit: CurveEdit | null;
 }
 
 /** Evaluation of a design; followed by float32 values block by block, non-finite if undefined. */
 export interface DesignResponse {
   slot: number;
   number: number;
-  trouble: ApiError | null;
+  error: ApiError | null;
   /** properties of the sensor that the plots do not include */
-  remark: string | null;
-  facts: DesignSummary | null;
+  note: string | null;
+  summary: DesignSummary | null;
   rows: RequirementResult[];
-  requirements_trouble: string | null;
+  requirements_error: string | null;
   blocks: Block[];
   /** deformed design */
-  bent: BenchSensor | null;
+  edited: BenchSensor | null;
 }
 
 /** Scalar properties of a design. */
@@ -333,7 +333,7 @@ export interface DetectedOutline {
   centre_px: [number, number];
   radius_px: number;
   confidence: number;
-  is_sure: boolean;
+  is_reliable: boolean;
 }
 
 /** Data embedded in a page without a server. */
@@ -363,7 +363,7 @@ export interface ErrorSourceList {
   errors: ErrorSourceInfo[];
   calibrations: string[];
   /** whether ray tracing is vectorised over sensors */
-  is_quick: boolean;
+  is_vectorised: boolean;
 }
 
 /** Request for the error sources of a sensor. */
@@ -378,16 +378,16 @@ export interface EstimatedTilt {
   /** standard error of the vertical direction */
   sigma_deg: number;
   /** number of vertical edges */
-  upright: number;
+  vertical_edges: number;
   /** whether it is reliable enough for automatic use */
-  is_sure: boolean;
+  is_reliable: boolean;
 }
 
 /** Progress of a file export. */
 export interface FileProgress {
-  sentence: string;
+  message: string;
   /** completed fraction */
-  share: number;
+  fraction: number;
 }
 
 /** Download request for a file of a design. */
@@ -425,7 +425,7 @@ export interface ModelComparisonRow {
   parameters: number;
   rms_px: number;
   held_out_rms_px: number | null;
-  why: string;
+  reason: string;
 }
 
 /** Mount of a camera. */
@@ -440,7 +440,7 @@ export interface MountInfo {
 /** Analysis request for several images of one camera. */
 export interface MultiImageRequest {
   board: BoardSpec;
-  pictures: BoardDetection[];
+  detections: BoardDetection[];
   /** centre of the field; null: image centre */
   centre_px: [number, number] | null;
   /** radius of the field; null: distance of the farthest corner */
@@ -456,12 +456,12 @@ export interface MultiImageSummary {
   coverage: CoverageInfo | null;
   advice: string[];
   /** reason against the candidate; null if it adds information */
-  not_new: string | null;
+  candidate_reason: string | null;
 }
 
 /** Outlier corner. */
 export interface OutlierCorner {
-  picture: string;
+  image: string;
   corner: number;
   residual_px: number;
 }
@@ -495,7 +495,7 @@ export interface ParameterInfo {
   description: string;
   choices: string[];
   is_list: boolean;
-  is_whole: boolean;
+  is_integer: boolean;
   is_optional: boolean;
   /** default of an optional number; null if it has none */
   default: number | null;
@@ -524,7 +524,7 @@ export interface QuantityInfo {
 
 /** Header of two JPEG files: image and panorama. */
 export interface RenderHeader {
-  picture_bytes: number;
+  image_bytes: number;
   panorama_bytes: number;
 }
 
@@ -547,7 +547,7 @@ export interface RequirementResult {
   unit: string;
   at_least: number | null;
   at_most: number | null;
-  reached: number | null;
+  value: number | null;
   margin: number | null;
   is_met: boolean;
   /** field angle of the critical value */
@@ -572,7 +572,7 @@ export interface RestoreRequest {
 
 /** Long-running task: mirror optimisation or design from requirements. */
 export interface SearchTask {
-  what: "optimise" | "design";
+  kind: "optimise" | "design";
   tables: Record<string, any>;
   requirements: Record<string, any> | null;
   /** null: infinite */
@@ -617,9 +617,9 @@ export interface SingleErrorEffect {
 /** Request for the feasible ranges of sliders. */
 export interface SliderRequest {
   tables: Record<string, any>;
-  follows: boolean;
+  follows_mapping: boolean;
   requirements: Record<string, any>;
-  slides: SliderValues[];
+  sliders: SliderValues[];
 }
 
 /** Number of a design with its candidate values. */
@@ -632,14 +632,14 @@ export interface SliderValues {
 /** Relative violation of each requirement, negative if satisfied; null for an invalid design. */
 export interface SliderViolations {
   /** violations by slider and value */
-  missed: ((number[] | null)[])[];
+  violations: ((number[] | null)[])[];
 }
 
 /** Image, video, camera or stream on the server. */
 export interface Source {
   id: string;
   name: string;
-  kind: "picture" | "video" | "live";
+  kind: "image" | "video" | "live";
   /** path for the command line, relative to the working directory of the server */
   command: string;
 }
@@ -661,7 +661,7 @@ export interface StandaloneBench {
 export interface StandaloneCamera {
   entry: SensorEntry;
   /** models without tilt, with the image top forward: each orientation, flipped and not flipped */
-  standing: CameraInfo[];
+  untilted: CameraInfo[];
   /** float32 values, little-endian, in base64 */
   tables: string;
   /** rendered image of a room as a data URL; empty if there is none */
@@ -677,7 +677,7 @@ export interface StandalonePage {
 /** State of a stream; frames are sent separately as binary messages. */
 export interface StreamState {
   state: "waiting" | "playing" | "lost" | "ended";
-  sentence: string;
+  message: string;
 }
 
 /** Layout of the float32 values of camera tables, in this order; absent tables have count 0. */
@@ -687,7 +687,7 @@ export interface TableLayout {
   /** sin(Omega/2) of the last radius, or of the lattice boundary */
   last: number;
   /** approximate viewpoint for near objects along the axis */
-  eye_mm: number;
+  viewpoint_mm: number;
   /** number of image radii, px, at equidistant sin(Omega/2) */
   radii: number;
   /** number of ray origins, mm: distances from the axis, then positions along it */
@@ -696,16 +696,16 @@ export interface TableLayout {
   lattice: number;
   /** number of boundary values sin(Omega/2) at equidistant azimuths */
   limits: number;
-  /** side length of the lattice of ray origins over the same disk: mm along axis, right, down */
+  /** side length of the lattice of ray origins over the same disc: mm along axis, right, down */
   starts: number;
 }
 
 /** Progress of a task. */
 export interface TaskStatus {
   state: "running" | "done" | "failed";
-  sentence: string;
+  message: string;
   /** completed fraction */
-  share: number | null;
+  fraction: number | null;
   /** current merit */
   value: number | null;
   sensor: BenchSensor | null;
@@ -732,12 +732,12 @@ export interface YieldRequest {
 export interface YieldResult {
   trials: number;
   lost: number;
-  share: number;
+  fraction: number;
   low: number;
   high: number;
   median: number | null;
   /** 95 % quantile */
-  most: number | null;
+  quantile_95: number | null;
   /** in descending order */
   rows: SingleErrorEffect[];
 }

@@ -1,49 +1,52 @@
-import { isForeseen } from "./api";
+import { isUserError } from "./api";
 import { byId } from "./dom";
-import { WENT_WRONG } from "./texts";
+import { INTERNAL_ERROR } from "./texts";
 
 let fading = 0;
 
 /** Display a temporary message. */
-export function say(sentence: string): void {
-  const said = byId("said");
-  said.textContent = sentence;
-  said.classList.add("shown");
+export function say(message: string): void {
+  const status = byId("said");
+  status.textContent = message;
+  status.classList.add("shown");
   clearTimeout(fading);
-  fading = window.setTimeout(() => said.classList.remove("shown"), 4000);
+  fading = window.setTimeout(() => status.classList.remove("shown"), 4000);
 }
 
 /** Subject of a permanent message; one message per subject. */
 type Subject =
-  "server" | "address" | "picture" | "sensor" | "bench" | "calibrate" | "page" | "failure";
+  "server" | "address" | "image" | "sensor" | "design" | "calibrate" | "page" | "failure";
 
-const standing = new Map<Subject, string>();
+const upright = new Map<Subject, string>();
 
 /** Display a permanent message until it is closed; null removes it. */
-export function banner(sentence: string | null, about: Subject = "page"): void {
-  if (sentence === (standing.get(about) ?? null)) return;
-  if (sentence === null) standing.delete(about);
-  else standing.set(about, sentence);
+export function banner(message: string | null, about: Subject = "page"): void {
+  if (message === (upright.get(about) ?? null)) return;
+  if (message === null) upright.delete(about);
+  else upright.set(about, message);
   const place = byId("banner");
-  place.hidden = !standing.size;
-  place.replaceChildren(...[...standing].map(([subject, text]) => line(subject, text)));
+  place.hidden = !upright.size;
+  place.replaceChildren(...[...upright].map(([subject, text]) => line(subject, text)));
 }
 
 function line(subject: Subject, text: string): HTMLElement {
-  const made = document.createElement("div");
-  const away = Object.assign(document.createElement("button"), {
+  const element = document.createElement("div");
+  const onAvailability = Object.assign(document.createElement("button"), {
     type: "button",
     textContent: "×",
   });
-  away.setAttribute("aria-label", "Close");
-  away.addEventListener("click", () => banner(null, subject));
-  made.append(Object.assign(document.createElement("span"), { textContent: text }), away);
-  return made;
+  onAvailability.setAttribute("aria-label", "Close");
+  onAvailability.addEventListener("click", () => banner(null, subject));
+  element.append(
+    Object.assign(document.createElement("span"), { textContent: text }),
+    onAvailability,
+  );
+  return element;
 }
 
-export function busy(sentence: string | null): void {
-  byId("busy").hidden = !sentence;
-  byId("busy").textContent = sentence ?? "";
+export function busy(message: string | null): void {
+  byId("busy").hidden = !message;
+  byId("busy").textContent = message ?? "";
 }
 
 export async function copy(text: string, what: string, more = ""): Promise<void> {
@@ -58,14 +61,14 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
 /** Report an error: its message if it is meant for users, otherwise an internal error. */
 export function report(e: unknown, about: Subject = "failure"): void {
   if (e instanceof Error && e.name === "AbortError") return; // cancelled by the caller
-  if (isForeseen(e)) banner(e.message, e.name === "Away" ? "server" : about);
-  else banner(WENT_WRONG, "failure");
+  if (isUserError(e)) banner(e.message, e.name === "Away" ? "server" : about);
+  else banner(INTERNAL_ERROR, "failure");
 }
 
 /** Report an error handled by the caller; unexpected ones are also written to the console. */
-export function fail(e: unknown, about: Subject = "picture"): void {
+export function fail(e: unknown, about: Subject = "image"): void {
   busy(null);
-  if (isForeseen(e)) report(e, about);
+  if (isUserError(e)) report(e, about);
   else reportError(e);
 }
 

@@ -3,8 +3,8 @@ import { parsed } from "./storage";
 
 export const MODES = ["panorama", "perspective", "dome", "planet", "ground", "mosaic"] as const;
 export type Mode = (typeof MODES)[number];
-export const LOOKS = ["up", "down", "forward"] as const;
-export type Looks = (typeof LOOKS)[number];
+export const CAMERA_ORIENTATIONS = ["up", "down", "forward"] as const;
+export type CameraOrientation = (typeof CAMERA_ORIENTATIONS)[number];
 export const TABS = ["look", "design", "calibrate"] as const;
 export const FITS = ["whole", "fill"] as const;
 
@@ -38,7 +38,7 @@ export interface State {
   height: number;
   /** Circle fitted to the image: centre and radius, px. */
   rim: [number, number, number] | null;
-  looks: Looks | null;
+  looks: CameraOrientation | null;
   forward: number | null;
   flipped: boolean | null;
   /** Tilt of the sensor, degrees; null: as in its file. */
@@ -98,7 +98,7 @@ export const VIEW = ["mode", "pan", "tilt", "hfov", "zoom", "fit", "distance", "
 type ViewOf = Pick<State, (typeof VIEW)[number]>;
 
 /** Part of the state that defines image and camera. */
-export const TAKEN = [
+export const SOURCE_KEYS = [
   "source",
   "sensor",
   "rim",
@@ -108,30 +108,30 @@ export const TAKEN = [
   "pitch",
   "roll",
 ] as const;
-type ViewSource = Pick<State, (typeof TAKEN)[number]>;
+type ViewSource = Pick<State, (typeof SOURCE_KEYS)[number]>;
 
 /** Stored view with its name. */
-export interface KeptView extends ViewOf {
+export interface StoredView extends ViewOf {
   name: string;
   /** Its image and camera, if there are several sources. */
   of?: ViewSource;
 }
 
 const MAX_VIEWS = 16;
-export const LONGEST_NAME = 40;
+export const MAX_NAME_LENGTH = 40;
 
 /** Parse stored views; null if invalid. */
-export function viewsIn(text: string): KeptView[] | null {
-  const found = text ? parsed(text) : [];
-  if (!Array.isArray(found) || found.length > MAX_VIEWS) return null;
-  const views = found.map((entry) => viewIn(entry as Record<string, unknown> | null));
+export function viewsIn(text: string): StoredView[] | null {
+  const result = text ? parsed(text) : [];
+  if (!Array.isArray(result) || result.length > MAX_VIEWS) return null;
+  const views = result.map((entry) => viewIn(entry as Record<string, unknown> | null));
   return views.every((view) => view !== null) ? views : null;
 }
 
-function viewIn(entry: Record<string, unknown> | null): KeptView | null {
-  if (typeof entry?.name !== "string" || !entry.name || entry.name.length > LONGEST_NAME)
+function viewIn(entry: Record<string, unknown> | null): StoredView | null {
+  if (typeof entry?.name !== "string" || !entry.name || entry.name.length > MAX_NAME_LENGTH)
     return null;
-  const view = { ...INITIAL, ...entry } as KeptView & State;
+  const view = { ...INITIAL, ...entry } as StoredView & State;
   const isGood =
     MODES.includes(view.mode) &&
     (view.fit === null || FITS.includes(view.fit)) &&
@@ -139,14 +139,14 @@ function viewIn(entry: Record<string, unknown> | null): KeptView | null {
   const isKind =
     isGood && VIEW.every((key) => key === "fit" || typeof view[key] === typeof INITIAL[key]);
   const of =
-    entry.of === undefined ? undefined : takenIn(entry.of as Record<string, unknown> | null);
+    entry.of === undefined ? undefined : viewSourceIn(entry.of as Record<string, unknown> | null);
   return isKind && of !== null
     ? { name: entry.name, ...ofView(limited(view)), ...(of && { of }) }
     : null;
 }
 
-function takenIn(entry: Record<string, unknown> | null): ViewSource | null {
-  const of = { ...ofTaken(INITIAL), ...entry };
+function viewSourceIn(entry: Record<string, unknown> | null): ViewSource | null {
+  const of = { ...sourceOfState(INITIAL), ...entry };
   const isText = [of.source, of.sensor].every((text) => typeof text === "string" && text !== "");
   const isNumber = [of.forward, of.pitch, of.roll].every((x) => x === null || Number.isFinite(x));
   const isCircle =
@@ -156,27 +156,27 @@ function takenIn(entry: Record<string, unknown> | null): ViewSource | null {
       of.rim.every(Number.isFinite) &&
       of.rim[2] > 0);
   const isWay =
-    (of.looks === null || LOOKS.includes(of.looks)) &&
+    (of.looks === null || CAMERA_ORIENTATIONS.includes(of.looks)) &&
     (of.flipped === null || typeof of.flipped === "boolean");
-  return entry && isText && isNumber && isCircle && isWay ? ofTaken(of) : null;
+  return entry && isText && isNumber && isCircle && isWay ? sourceOfState(of) : null;
 }
 
 /** Encode stored views without default values. */
-export function textOf(views: readonly KeptView[]): string {
-  const told = (entries: object): object =>
+export function textOf(views: readonly StoredView[]): string {
+  const withoutDefaults = (entries: object): object =>
     Object.fromEntries(
       Object.entries(entries).filter(([key, value]) => value !== INITIAL[key as keyof State]),
     );
-  const entry = ({ name, of, ...view }: KeptView): object => ({
-    name: name.slice(0, LONGEST_NAME),
-    ...told(view),
-    ...(of && { of: { sensor: of.sensor, ...told(of) } }),
+  const entry = ({ name, of, ...view }: StoredView): object => ({
+    name: name.slice(0, MAX_NAME_LENGTH),
+    ...withoutDefaults(view),
+    ...(of && { of: { sensor: of.sensor, ...withoutDefaults(of) } }),
   });
   return views.length ? JSON.stringify(views.slice(0, MAX_VIEWS).map(entry)) : "";
 }
 
-export const ofTaken = (s: ViewSource): ViewSource =>
-  Object.fromEntries(TAKEN.map((key) => [key, s[key]])) as unknown as ViewSource;
+export const sourceOfState = (s: ViewSource): ViewSource =>
+  Object.fromEntries(SOURCE_KEYS.map((key) => [key, s[key]])) as unknown as ViewSource;
 export const ofView = (s: ViewOf): ViewOf =>
   Object.fromEntries(VIEW.map((key) => [key, s[key]])) as unknown as ViewOf;
 

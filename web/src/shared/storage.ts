@@ -1,23 +1,23 @@
 /** Browser storage of this tab or of all tabs; unavailable in private windows or if full. */
-type Shelf = () => Storage;
+type StorageArea = () => Storage;
 
-export const sessions: Shelf = () => sessionStorage;
-export const locals: Shelf = () => localStorage;
+export const sessions: StorageArea = () => sessionStorage;
+export const locals: StorageArea = () => localStorage;
 
 /** Return the stored text of a key; null if absent. */
-export function taken(shelf: Shelf, key: string): string | null {
+export function load(area: StorageArea, key: string): string | null {
   try {
-    return shelf().getItem(key);
+    return area().getItem(key);
   } catch {
     return null;
   }
 }
 
 /** Store a text in each available storage. */
-export function put(shelves: Shelf[], key: string, text: string): void {
-  for (const shelf of shelves) {
+export function put(areas: StorageArea[], key: string, text: string): void {
+  for (const area of areas) {
     try {
-      shelf().setItem(key, text);
+      area().setItem(key, text);
     } catch {
       continue;
     }
@@ -60,9 +60,9 @@ async function run<T>(
   }
 }
 
-export const shelved = <T>(key: string): Promise<T | undefined> =>
+export const storedValue = <T>(key: string): Promise<T | undefined> =>
   run("readonly", (store) => store.get(key) as IDBRequest<T>);
-export const shelve = (key: string, value: unknown): Promise<unknown> =>
+export const storeValue = (key: string, value: unknown): Promise<unknown> =>
   run("readwrite", (store) => store.put(value, key));
-export const unshelve = (key: string): Promise<unknown> =>
+export const deleteValue = (key: string): Promise<unknown> =>
   run("readwrite", (store) => store.delete(key));

@@ -1,9 +1,9 @@
 import { fromHash, toHash } from "./address";
 import { differing, limited, type State } from "./state";
-import { put, sessions, taken } from "./storage";
+import { put, sessions, load } from "./storage";
 
 /** Keys whose change adds a history entry; others replace the current one. */
-const TURNS: readonly (keyof State)[] = ["tab", "mode", "source", "sensor"];
+const HISTORY_KEYS: readonly (keyof State)[] = ["tab", "mode", "source", "sensor"];
 const WRITTEN_MS = 150; // rate limit of browsers for address changes
 const KEPT = "omnimirror-address";
 
@@ -13,7 +13,7 @@ type Listener = (state: State, changed: Set<keyof State>) => void;
 export class Store {
   state: State;
   /** Message about invalid entries of the address. */
-  trouble: string | null;
+  error: string | null;
   /** Called when another address was entered. */
   entered: () => void = () => {};
   /** Called before the page is closed. */
@@ -23,7 +23,7 @@ export class Store {
   private written = location.hash;
 
   constructor() {
-    ({ state: this.state, trouble: this.trouble } = fromHash(beforeReload() ?? location.hash));
+    ({ state: this.state, error: this.error } = fromHash(beforeReload() ?? location.hash));
     for (const event of ["popstate", "hashchange"] as const)
       addEventListener(event, () => this.follow());
     addEventListener("pagehide", () => this.leave());
@@ -34,11 +34,11 @@ export class Store {
   }
 
   /** Change state and address; without a history entry if `turns` is false. */
-  set(change: Partial<State>, turns = true): void {
+  set(change: Partial<State>, addsHistory = true): void {
     const next = limited({ ...this.state, ...change });
     const changed = differing(next, this.state);
     if (!changed.size) return;
-    const isTurn = turns && TURNS.some((key) => changed.has(key));
+    const isTurn = addsHistory && HISTORY_KEYS.some((key) => changed.has(key));
     if (isTurn) this.write(); // store the last state of the current entry, to which Back returns
     this.state = next;
     if (isTurn) this.write(true);
@@ -52,11 +52,11 @@ export class Store {
     if (location.hash === this.written) return;
     clearTimeout(this.pending);
     this.written = location.hash;
-    const found = fromHash(location.hash);
-    const next = { ...found.state, design: found.state.design || this.state.design };
+    const result = fromHash(location.hash);
+    const next = { ...result.state, design: result.state.design || this.state.design };
     const changed = differing(next, this.state);
     this.state = next;
-    this.trouble = found.trouble;
+    this.error = result.error;
     this.entered();
     this.tell(changed);
   }
@@ -89,5 +89,5 @@ export class Store {
 /** Return the state before a reload; null if an address was entered. */
 function beforeReload(): string | null {
   const [way] = performance.getEntriesByType("navigation") as PerformanceNavigationTiming[];
-  return way?.type === "reload" ? taken(sessions, KEPT) : null;
+  return way?.type === "reload" ? load(sessions, KEPT) : null;
 }

@@ -21,7 +21,7 @@ export interface Line {
 }
 
 /** Camera and viewport. */
-export interface Shot {
+export interface BoardImage {
   matrix: Matrix;
   eye: Vec3;
   near: number;
@@ -151,33 +151,33 @@ export class Drawing {
     this.fill(this.segments.buffer, all);
   }
 
-  draw(shot: Shot): void {
+  draw(image: BoardImage): void {
     const { gl } = this;
     gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
     gl.depthMask(true);
-    gl.clearColor(...(shot.ground as [number, number, number, number]));
+    gl.clearColor(...(image.ground as [number, number, number, number]));
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.disable(gl.BLEND);
     gl.disable(gl.CULL_FACE);
-    this.drawBodies(shot, (body) => body.ink[3] === 1);
+    this.drawBodies(image, (body) => body.ink[3] === 1);
     gl.enable(gl.BLEND);
     gl.depthMask(false);
-    this.drawLines(shot);
+    this.drawLines(image);
     gl.enable(gl.CULL_FACE);
     for (const side of [gl.FRONT, gl.BACK]) {
       gl.cullFace(side);
-      this.drawBodies(shot, (body) => body.ink[3] < 1);
+      this.drawBodies(image, (body) => body.ink[3] < 1);
     }
   }
 
-  private drawBodies(shot: Shot, isWanted: (body: Body) => boolean): void {
+  private drawBodies(image: BoardImage, isWanted: (body: Body) => boolean): void {
     const { gl, bodies } = this;
     const place = (name: string): WebGLUniformLocation | null =>
       gl.getUniformLocation(bodies, name);
     gl.useProgram(bodies);
     gl.bindVertexArray(this.corners.array);
-    gl.uniformMatrix4fv(place("matrix"), false, shot.matrix);
-    gl.uniform3fv(place("eye"), shot.eye as unknown as number[]);
+    gl.uniformMatrix4fv(place("matrix"), false, image.matrix);
+    gl.uniform3fv(place("eye"), image.eye as unknown as number[]);
     for (const { first, count, body } of this.parts.filter((p) => isWanted(p.body))) {
       gl.uniform4fv(place("ink"), body.ink as unknown as number[]);
       gl.uniform1f(place("shine"), body.shine);
@@ -185,18 +185,18 @@ export class Drawing {
     }
   }
 
-  private drawLines(shot: Shot): void {
+  private drawLines(image: BoardImage): void {
     const { gl, lines } = this;
     const place = (name: string): WebGLUniformLocation | null => gl.getUniformLocation(lines, name);
     gl.useProgram(lines);
     gl.bindVertexArray(this.segments.array);
-    gl.uniformMatrix4fv(place("matrix"), false, shot.matrix);
+    gl.uniformMatrix4fv(place("matrix"), false, image.matrix);
     gl.uniform2f(
       place("size"),
-      gl.drawingBufferWidth / shot.dots,
-      gl.drawingBufferHeight / shot.dots,
+      gl.drawingBufferWidth / image.dots,
+      gl.drawingBufferHeight / image.dots,
     );
-    gl.uniform1f(place("near"), shot.near);
+    gl.uniform1f(place("near"), image.near);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
   }
 

@@ -6,7 +6,7 @@ const [KEY_TURN, KEY_MOVE, KEY_NEARER] = [0.09, 0.04, 1.15];
 const STILL = 4; // px, maximum movement of a click
 
 /** Actions of gestures. */
-interface Hands {
+interface Callbacks {
   orbit: () => Orbit;
   look: (from: Orbit) => void;
   pick: (x: number, y: number, isTouch: boolean) => void;
@@ -22,7 +22,7 @@ export class Gestures {
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
-    private readonly hands: Hands,
+    private readonly callbacks: Callbacks,
   ) {
     canvas.addEventListener("pointerdown", (e) => this.down(e));
     canvas.addEventListener("pointermove", (e) => this.move(e));
@@ -49,14 +49,15 @@ export class Gestures {
     if (other) {
       const apart = (p: PointerEvent): number =>
         Math.hypot(p.clientX - other.clientX, p.clientY - other.clientY);
-      if (apart(before) > 0) this.hands.look(nearer(this.hands.orbit(), apart(e) / apart(before)));
+      if (apart(before) > 0)
+        this.callbacks.look(nearer(this.callbacks.orbit(), apart(e) / apart(before)));
     }
     const height = this.canvas.clientHeight;
     const isMoved = other || e.shiftKey || e.buttons > 1;
-    this.hands.look(
+    this.callbacks.look(
       isMoved
-        ? moved(this.hands.orbit(), -dx / height, dy / height)
-        : turned(this.hands.orbit(), -dx * TURN, dy * TURN),
+        ? moved(this.callbacks.orbit(), -dx / height, dy / height)
+        : turned(this.callbacks.orbit(), -dx * TURN, dy * TURN),
     );
     this.pointers.set(e.pointerId, e);
   }
@@ -70,7 +71,7 @@ export class Gestures {
     )
       return;
     const box = this.canvas.getBoundingClientRect();
-    this.hands.pick(e.clientX - box.left, e.clientY - box.top, e.pointerType === "touch");
+    this.callbacks.pick(e.clientX - box.left, e.clientY - box.top, e.pointerType === "touch");
   }
 
   /** Zoom by the wheel only if the view has the focus or Ctrl is pressed; otherwise the page scrolls. */
@@ -78,23 +79,23 @@ export class Gestures {
     if (document.activeElement !== this.canvas && !e.ctrlKey) return;
     e.preventDefault();
     const lines = e.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-    this.hands.look(
-      nearer(this.hands.orbit(), Math.exp(-clamp(e.deltaY * lines, -240, 240) * 0.0018)),
+    this.callbacks.look(
+      nearer(this.callbacks.orbit(), Math.exp(-clamp(e.deltaY * lines, -240, 240) * 0.0018)),
     );
   }
 
   private key(e: KeyboardEvent): void {
     if (e.ctrlKey || e.metaKey || e.altKey) return;
     const go = (x: number, y: number) => (): void => {
-      const orbit = this.hands.orbit();
-      this.hands.look(
+      const orbit = this.callbacks.orbit();
+      this.callbacks.look(
         e.shiftKey
           ? moved(orbit, x * KEY_MOVE, y * KEY_MOVE)
           : turned(orbit, x * KEY_TURN, y * KEY_TURN),
       );
     };
     const enlarge = (times: number) => (): void =>
-      this.hands.look(nearer(this.hands.orbit(), times));
+      this.callbacks.look(nearer(this.callbacks.orbit(), times));
     const steps: Record<string, () => void> = {
       ArrowLeft: go(-1, 0),
       ArrowRight: go(1, 0),
@@ -103,9 +104,9 @@ export class Gestures {
       "+": enlarge(KEY_NEARER),
       "=": enlarge(KEY_NEARER),
       "-": enlarge(1 / KEY_NEARER),
-      PageDown: () => this.hands.step(1),
-      PageUp: () => this.hands.step(-1),
-      Home: () => this.hands.fit(),
+      PageDown: () => this.callbacks.step(1),
+      PageUp: () => this.callbacks.step(-1),
+      Home: () => this.callbacks.fit(),
     };
     const step = steps[e.key];
     if (!step) return;

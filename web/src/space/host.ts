@@ -8,7 +8,7 @@ export interface Columns {
 }
 
 /** Evaluation of a design, as far as the 3-D view requires it. */
-export interface Answered {
+export interface EvaluationBlocks {
   blocks: { name: string }[];
   block: (name: string) => Columns | null;
 }

@@ -2,8 +2,8 @@ import { clamp } from "../shared/numbers";
 import { add, cross, dot, type Matrix, unit, type Vec3 } from "./vectors";
 
 const FIELD = (34 * Math.PI) / 180; // vertical field of view
-const STEEPEST = (89.5 * Math.PI) / 180;
-const [NEAREST, FARTHEST] = [1e-3, 1e7]; // mm
+const MAX_ELEVATION = (89.5 * Math.PI) / 180;
+const [MIN_DISTANCE, MAX_DISTANCE] = [1e-3, 1e7]; // mm
 const NEAR_SHARE = 0.02; // near plane, relative to the distance
 const BEYOND = 20_000; // far plane behind the target, mm
 const UP: Vec3 = [0, 0, 1];
@@ -63,12 +63,12 @@ const scaled = (axis: Vec3, by: number, eye: Vec3): number[] => [
 export const turned = (o: Orbit, around: number, above: number): Orbit => ({
   ...o,
   around: o.around + around,
-  above: clamp(o.above + above, -STEEPEST, STEEPEST),
+  above: clamp(o.above + above, -MAX_ELEVATION, MAX_ELEVATION),
 });
 
 export const nearer = (o: Orbit, times: number): Orbit => ({
   ...o,
-  distance: clamp(o.distance / times, NEAREST, FARTHEST),
+  distance: clamp(o.distance / times, MIN_DISTANCE, MAX_DISTANCE),
 });
 
 /** Move the target to the right and up, in screen heights. */
@@ -80,7 +80,7 @@ export function moved(o: Orbit, right: number, up: number): Orbit {
 
 /** Look at a box from a distance at which it is completely visible. */
 export function fitting(o: Orbit, low: Vec3, high: Vec3, aspect: number): Orbit {
-  const above = clamp(o.above, -STEEPEST, STEEPEST);
+  const above = clamp(o.above, -MAX_ELEVATION, MAX_ELEVATION);
   const target: Vec3 = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2];
   const radius = Math.hypot(...add(high, low, -1)) / 2;
   return { ...o, above, target, distance: radius / Math.sin(FIELD / 2) / Math.min(1, aspect) };

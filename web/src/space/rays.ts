@@ -50,7 +50,7 @@ export function nearest(
   [x, y]: readonly [number, number],
   within: number,
 ): Ray | null {
-  let [best, found]: [number, Ray | null] = [within, null];
+  let [best, result]: [number, Ray | null] = [within, null];
   for (const ray of rays) {
     const places = ray.nodes.map((node) => transformed(matrix, node));
     for (let i = 0; i + 1 < places.length; i++) {
@@ -61,23 +61,23 @@ export function nearest(
         (1 - v / w) * (height / 2),
       ]);
       const distance = apart([x, y], a, b);
-      if (distance < best) [best, found] = [distance, ray];
+      if (distance < best) [best, result] = [distance, ray];
     }
   }
-  return found;
+  return result;
 }
 
 type Place = [number, number, number, number];
 
 /** Return the part of a line in front of the near plane. */
 function inFront(a: Place, b: Place): [Place, Place] | null {
-  const least = 1e-6 * (Math.abs(a[3]) + Math.abs(b[3]));
-  if (a[3] < least && b[3] < least) return null;
+  const minimum = 1e-6 * (Math.abs(a[3]) + Math.abs(b[3]));
+  if (a[3] < minimum && b[3] < minimum) return null;
   const cut = (from: Place, to: Place): Place => {
-    const t = (least - from[3]) / (to[3] - from[3]);
+    const t = (minimum - from[3]) / (to[3] - from[3]);
     return from.map((c, i) => c + t * (to[i] - c)) as Place;
   };
-  return [a[3] < least ? cut(a, b) : a, b[3] < least ? cut(b, a) : b];
+  return [a[3] < minimum ? cut(a, b) : a, b[3] < minimum ? cut(b, a) : b];
 }
 
 /** Return the distance of a point from a line segment. */

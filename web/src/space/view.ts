@@ -2,14 +2,14 @@ import { colour, h } from "../shared/dom";
 import { words } from "../shared/numbers";
 import { type Body, Drawing, type Ink, type Line } from "./drawing";
 import { Gestures } from "./gestures";
-import type { Answered, Host } from "./host";
+import type { EvaluationBlocks, Host } from "./host";
 import { axesOf, fitting, matrixOf, nearOf, type Orbit } from "./orbit";
 import { nearest, type Ray, raysOf } from "./rays";
 import { boundsOf, edgesOf, frameOf, revolved } from "./shapes";
 import { add, type Vec3 } from "./vectors";
 
 /** Material of a part: colour, opacity, shine. */
-const LOOKS: Record<string, readonly [ink: string, alpha: number, shine: number]> = {
+const CAMERA_ORIENTATIONS: Record<string, readonly [ink: string, alpha: number, shine: number]> = {
   mirror: ["mirror", 1, 1],
   "second mirror": ["mirror", 1, 1],
   body: ["soft", 1, 0],
@@ -19,9 +19,9 @@ const LOOKS: Record<string, readonly [ink: string, alpha: number, shine: number]
   dome: ["accent", 0.04, 0],
   window: ["accent", 0.04, 0],
 };
-const STANDING = ["soft", 0.4, 0] as const; // mechanical parts: camera, rod, lids, rims
+const MECHANICAL = ["soft", 0.4, 0] as const; // mechanical parts: camera, rod, lids, rims
 const [REACH, TOUCH_REACH] = [9, 18]; // px, selection radius
-const [GROWN, AWAY] = [1.7, 0.3]; // change of size or position, as a ratio, above which the viewpoint is reset
+const [GROWN, SERVER_UNAVAILABLE] = [1.7, 0.3]; // change of size or position, as a ratio, above which the viewpoint is reset
 const FIRST: Orbit = { target: [0, 0, 0], distance: 400, around: -1.15, above: -0.14 };
 const [SIDE, ABOVE] = [
   { around: -Math.PI / 2, above: 0 },
@@ -43,7 +43,7 @@ export class SpaceView {
   private readonly drawing: Drawing;
   private readonly readout = h("output", { className: "readout" });
   private readonly around = h("input", { type: "checkbox", name: "All azimuths" });
-  private found: Answered | null = null;
+  private result: EvaluationBlocks | null = null;
   private bounds: [Vec3, Vec3] = [
     [0, 0, 0],
     [0, 0, 0],
@@ -69,7 +69,7 @@ export class SpaceView {
       pick: (x, y, isTouch) => this.pick(x, y, isTouch),
       step: (by) => this.step(by),
     });
-    this.around.addEventListener("change", () => this.show(this.found!));
+    this.around.addEventListener("change", () => this.show(this.result!));
     const button = (text: string, title: string, act: () => void): HTMLElement =>
       h("button", { type: "button", className: "small", title, onclick: act }, text);
     const buttons = [
@@ -90,12 +90,12 @@ export class SpaceView {
   }
 
   /** Set the evaluation of a design. */
-  show(found: Answered): void {
-    const room = found.block("room");
-    const table = found.block("rays");
+  show(result: EvaluationBlocks): void {
+    const room = result.block("room");
+    const table = result.block("rays");
     if (!room || !table) return;
-    this.found = found;
-    const bodies = bodiesOf(found);
+    this.result = result;
+    const bodies = bodiesOf(result);
     this.drawing.setBodies(bodies);
     this.measure(boundsOf(bodies.map((b) => b.mesh)));
     this.rays = raysOf(table).filter((ray) => this.around.checked || ray.isForward);
@@ -106,8 +106,8 @@ export class SpaceView {
 
   /** Set the accessible description. */
   describe(): void {
-    if (!this.found) return;
-    const names = partsOf(this.found).map(({ name }) => name);
+    if (!this.result) return;
+    const names = partsOf(this.result).map(({ name }) => name);
     const [low, high] = this.bounds;
     const angles = this.rays.map((ray) => ray.omega);
     this.canvas.setAttribute(
@@ -131,7 +131,7 @@ export class SpaceView {
   }
 
   private fitRoom(): void {
-    const room = this.found?.block("room");
+    const room = this.result?.block("room");
     if (!room) return;
     const corner = (end: string): Vec3 => [
       room.column(`x${end}`)[0],
@@ -147,8 +147,9 @@ export class SpaceView {
   private measure(bounds: [Vec3, Vec3]): void {
     const size = ([low, high]: [Vec3, Vec3]): number => Math.hypot(...add(high, low, -1));
     const grown = size(bounds) / size(this.bounds);
-    const away = Math.hypot(...add(add(...bounds), add(...this.bounds), -1)) / 2;
-    const isAsBefore = grown < GROWN && grown > 1 / GROWN && away < AWAY * size(bounds);
+    const onAvailability = Math.hypot(...add(add(...bounds), add(...this.bounds), -1)) / 2;
+    const isAsBefore =
+      grown < GROWN && grown > 1 / GROWN && onAvailability < SERVER_UNAVAILABLE * size(bounds);
     this.bounds = bounds;
     if (!isAsBefore) this.fit();
   }
@@ -189,7 +190,7 @@ export class SpaceView {
       };
       return each.nodes.slice(1).map((to, i) => ({ from: each.nodes[i], to, ...look }));
     };
-    const boxes = edgesOf(this.found!.block("room")!).flatMap((edges, i) =>
+    const boxes = edgesOf(this.result!.block("room")!).flatMap((edges, i) =>
       edges.map(([from, to]): Line => ({ from, to, ink: faded(soft, i ? 0.4 : 0.8), width: 1 })),
     );
     const met = this.picked?.nodes[this.picked.mirror];
@@ -236,16 +237,16 @@ export class SpaceView {
 }
 
 /** Return the parts of a response: names and profiles. */
-const partsOf = (found: Answered): { name: string; block: string }[] =>
-  found.blocks
+const partsOf = (result: EvaluationBlocks): { name: string; block: string }[] =>
+  result.blocks
     .filter((b) => b.name.startsWith("part "))
     .map(({ name }) => ({ name: name.slice(5), block: name }));
 
-const bodiesOf = (found: Answered): Body[] =>
-  partsOf(found).map(({ name, block }) => {
-    const [ink, alpha, shine] = LOOKS[name] ?? STANDING;
+const bodiesOf = (result: EvaluationBlocks): Body[] =>
+  partsOf(result).map(({ name, block }) => {
+    const [ink, alpha, shine] = CAMERA_ORIENTATIONS[name] ?? MECHANICAL;
     return {
-      mesh: revolved(found.block(block)!, frameOf(found.block(`frame ${name}`)!)),
+      mesh: revolved(result.block(block)!, frameOf(result.block(`frame ${name}`)!)),
       ink: faded(inkOf(ink), alpha),
       shine,
     };

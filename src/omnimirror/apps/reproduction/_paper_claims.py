@@ -768,7 +768,7 @@ def _spots() -> list[Claim]:
             ">=",
             4.0,
             lambda p: 4 * p.worst_at_best("E-DI"),
-            note="diffraction neglected; at F/24 the Airy disk is 6.5 px",
+            note="diffraction neglected; at F/24 the Airy disc is 6.5 px",
         ),
     ]
 

@@ -39,7 +39,7 @@ from ._bench_requirements import UNCHECKED, check_evaluation
 from ._bench_sensors import (
     aligned_sensor,
     api_error_of,
-    deformed,
+    edited_sensor,
     on_bench,
     remark_on,
     sensor_on_bench,
@@ -368,18 +368,18 @@ class EvaluatedSensor:
 def answer(message: DesignRequest) -> bytes:
     """Evaluate the design of a request; an invalid design yields a message with the error."""
     try:
-        current = sensor_on_bench(message.tables, message.follows)
-        if message.bend is not None:
-            current = deformed(current, message.bend)
+        current = sensor_on_bench(message.tables, message.follows_mapping)
+        if message.edit is not None:
+            current = edited_sensor(current, message.edit)
         sensor = aligned_sensor(current)
         design = _evaluated(sensor, distance_of(message.object_distance_mm))
-        facts = _facts(design, why_not_optimised(current))
+        summary = _facts(design, why_not_optimised(current))
         blocks = [_block("curves", CURVES, design.curve)]
-        blocks += _section(design) if message.section else []
-        blocks += [_block("squares", SQUARES, design.marks)] if message.squares else []
-        blocks += space_blocks(current, design.marks.h_px) if message.space else []
+        blocks += _section(design) if message.include_section else []
+        blocks += [_block("squares", SQUARES, design.marks)] if message.include_squares else []
+        blocks += space_blocks(current, design.marks.h_px) if message.include_3d else []
     except OmnimirrorError as e:
-        return framed(_answer(message, trouble=api_error_of(e)))
+        return framed(_answer(message, error=api_error_of(e)))
     checked = (
         check_evaluation(message.requirements, design.curve)
         if message.requirements is not None
@@ -388,18 +388,18 @@ def answer(message: DesignRequest) -> bytes:
     blocks += checked.curves
     response = _answer(
         message,
-        remark=remark_on(current),
-        facts=facts,
+        note=remark_on(current),
+        summary=summary,
         rows=checked.rows,
-        requirements_trouble=checked.trouble,
+        requirements_error=checked.error,
         blocks=tuple(values.block for values in blocks),
-        bent=on_bench(current) if message.bend is not None else None,
+        edited=on_bench(current) if message.edit is not None else None,
     )
     return framed(response, *(b.values.astype("<f4").tobytes() for b in blocks))
 
 
 def _answer(message: DesignRequest, **fields: object) -> DesignResponse:
-    empty = dict.fromkeys(("trouble", "remark", "facts", "requirements_trouble", "bent")) | {
+    empty = dict.fromkeys(("error", "note", "summary", "requirements_error", "edited")) | {
         "rows": (),
         "blocks": (),
     }

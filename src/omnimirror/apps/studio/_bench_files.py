@@ -212,7 +212,7 @@ def taken(message: RenderRequest) -> bytes:
         view = views.panorama(sensor, (MAX_SIDE_PX, None))
     panorama = Dewarper(sensor, view)(rendered)
     files = [encoded(image, ".jpg", JPEG_QUALITY) for image in (rendered, panorama)]
-    return framed(RenderHeader(picture_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
+    return framed(RenderHeader(image_bytes=len(files[0]), panorama_bytes=len(files[1])), *files)
 
 
 def coarser(sensor: Sensor, max_side_px: int) -> Sensor:

@@ -100,7 +100,7 @@ class CheckResult:
     quantities."""
 
     rows: tuple[RequirementResult, ...] = ()
-    trouble: str | None = None
+    error: str | None = None
     curves: tuple[BlockValues, ...] = ()
     """One block, "limits": limited quantities over the field, named after their rows."""
 
@@ -117,7 +117,7 @@ def check_evaluation(tables: dict[str, Any], curve: Evaluation) -> CheckResult:
         rows = rows_of(tables, requirements, sensor, CHECK_ANGLES)
         curves = limit_curves(requirements, curve)
     except OmnimirrorError as e:
-        return CheckResult(trouble=str(e))
+        return CheckResult(error=str(e))
     first = len(rows) - len(requirements.limits)
     return CheckResult(
         tuple(_result_row(row, i - first) for i, row in enumerate(rows)), None, (curves,)
@@ -150,15 +150,15 @@ def limit_curves(requirements: Requirements, curve: Evaluation) -> BlockValues:
 
 
 def _result_row(row: RequirementCheck, limit: int) -> RequirementResult:
-    reached = float(row.reached) if np.isfinite(row.reached) else None
+    value = float(row.reached) if np.isfinite(row.reached) else None
     return RequirementResult(
         name=row.name,
         unit=row.unit,
         at_least=row.at_least,
         at_most=row.at_most,
-        reached=reached,
-        margin=None if reached is None else float(row.margin),
-        is_met=bool(row.is_met) and reached is not None,
+        value=value,
+        margin=None if value is None else float(row.margin),
+        is_met=bool(row.is_met) and value is not None,
         omega_deg=row.omega_deg,
         part_deg=row.part_deg,
         limit=limit if limit >= 0 else None,
@@ -181,12 +181,13 @@ def slider_violations(requested: SliderRequest) -> SliderViolations:
         If the requirements are invalid.
     """
     requirements_for(
-        requested.requirements, aligned_sensor(sensor_on_bench(requested.tables, requested.follows))
+        requested.requirements,
+        aligned_sensor(sensor_on_bench(requested.tables, requested.follows_mapping)),
     )
     return SliderViolations(
-        missed=tuple(
+        violations=tuple(
             tuple(_missed(requested, slide, value) for value in slide.values)
-            for slide in requested.slides
+            for slide in requested.sliders
         )
     )
 
@@ -198,7 +199,8 @@ def _missed(
     try:
         sensor = aligned_sensor(
             sensor_on_bench(
-                _with(requested.tables, slide.path, value), requested.follows and not is_distance
+                _with(requested.tables, slide.path, value),
+                requested.follows_mapping and not is_distance,
             )
         )
         rows = rows_of(

@@ -92,8 +92,8 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
     under_way: dict[str, FileProgress] = {}
 
     def made_slowly(requested: FileRequest, key: str) -> File:
-        def on_progress(sentence: str, share: float) -> None:
-            under_way[key] = FileProgress(sentence=sentence, share=share)
+        def on_progress(message: str, fraction: float) -> None:
+            under_way[key] = FileProgress(message=message, fraction=fraction)
 
         try:
             return downloaded(requested, on_progress)
@@ -121,7 +121,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
         """Return the text of a requirement file."""
         return requirement_file(requested.requirements, sensor_on_bench(requested.tables))
 
-    @app.post("/api/bench/picture", response_class=Response, responses={200: BYTES})
+    @app.post("/api/bench/image", response_class=Response, responses={200: BYTES})
     async def rendered_image(message: RenderRequest) -> Response:
         """Return the rendered image of a room and its panorama: two JPEG files after a header with
         their lengths."""
@@ -221,6 +221,6 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
         await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
-        failed = TaskStatus(state="failed", sentence=str(e), share=None, value=None, sensor=None)
+        failed = TaskStatus(state="failed", message=str(e), fraction=None, value=None, sensor=None)
         await socket.send_text(failed.model_dump_json())
     await socket.close()

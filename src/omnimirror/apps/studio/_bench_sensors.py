@@ -85,7 +85,7 @@ def bench_start() -> BenchStart:
         ),
         lenses=tuple(part_of(kind, cls) for kind, cls in LENSES.items()),
         imager=part_of("imager", Imager),
-        place=part_of("place", Secondary),
+        secondary_position=part_of("place", Secondary),
         mount=PartInfo(kind="mount", parameters=(distance,)),
         pose=part_of("mirror_pose", MirrorPose),
         columns=tuple(map(_quantity, quantities.FIELD_QUANTITIES)),
@@ -131,7 +131,7 @@ def _parameter(name: str, p: Parameter, hint: Any, default: Any) -> ParameterInf
         description=p.description,
         choices=p.choices,
         is_list=typing.get_origin(inner) is tuple,
-        is_whole=inner is int,
+        is_integer=inner is int,
         is_optional=default is not dataclasses.MISSING,
         default=float(default) if isinstance(default, int | float) else None,
     )
@@ -163,7 +163,7 @@ class Form(NullLocator):
 
 def api_error_of(error: OmnimirrorError) -> ApiError:
     """Return the message of an error with the entry that it concerns."""
-    return ApiError(path=getattr(error, "path", ()), sentence=str(error))
+    return ApiError(path=getattr(error, "path", ()), message=str(error))
 
 
 def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
@@ -201,18 +201,16 @@ def remark_on(sensor: Sensor) -> str | None:
         return None
     if pose.is_axial:
         return (
-            "The file contains a form error of the mirror or a tilt of the imager. Only the "
-            "image of the room includes them; cross-section, plots and requirements are those "
-            "of the ideal sensor."
+            "The file contains a form error of the mirror or a tilt of the imager. Only the image of the "
+            "room includes them; cross-section, plots and requirements are those of the ideal sensor."
         )
     shift, tilt = (
         f"{a:g} and {b:g}"
         for a, b in ((pose.decentre_x_mm, pose.decentre_y_mm), (pose.tilt_x_deg, pose.tilt_y_deg))
     )
     return (
-        f"The mirror is misaligned: decentred by {shift} mm, tilted by {tilt}°. Only the image "
-        "of the room includes this; cross-section, plots and requirements are those of the "
-        "aligned mirror."
+        f"The mirror is misaligned: decentred by {shift} mm, tilted by {tilt}°. Only the image of the room "
+        "includes this; cross-section, plots and requirements are those of the aligned mirror."
     )
 
 
@@ -238,7 +236,7 @@ def on_bench(sensor: Sensor) -> BenchSensor:
         and not sensor.lens.TELECENTRIC
     )
     follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]  # is_mapped implies a MappingMirror
-    return BenchSensor(tables=tables_of(sensor), follows=bool(follows))
+    return BenchSensor(tables=tables_of(sensor), follows_mapping=bool(follows))
 
 
 def changed(change: DesignChange) -> Sensor:
@@ -254,13 +252,13 @@ def changed(change: DesignChange) -> Sensor:
     """
     current, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
     sensor = aligned_sensor(current)
-    if change.what == "focus":
+    if change.target == "focus":
         best = best_focus(sensor, change.to, object_distance_mm=distance)
         focused = replace(sensor, lens=sensor.lens.focused_at(round(best.focus_mm, FOCUS_DIGITS)))
     else:
         changed_part = (
             _with_lens(sensor, change.to)
-            if change.what == "lens"
+            if change.target == "lens"
             else _with_mirror(sensor, change.to)
         )
         focused = _focused(changed_part, distance)
@@ -445,7 +443,7 @@ CLEAR = 0.02
 """Minimum distance from fixed curve ends, relative to the rim radius or the field."""
 
 
-def deformed(sensor: Sensor, bend: CurveEdit) -> Sensor:
+def edited_sensor(sensor: Sensor, edit: CurveEdit) -> Sensor:
     """Deform the mirror so that its profile or mapping passes through a given point.
 
     Deformations minimise curvature: the profile bends as a rod clamped at the vertex, the mapping
@@ -462,13 +460,13 @@ def deformed(sensor: Sensor, bend: CurveEdit) -> Sensor:
     --------
     >>> import omnimirror as om
     >>> sphere = om.load_sensor("paper-spherical")
-    >>> flatter = deformed(sphere, CurveEdit(of="profile", at=30.0, to=9.9))
+    >>> flatter = edited_sensor(sphere, CurveEdit(of="profile", at=30.0, to=9.9))
     >>> round(float(flatter.mirror.sag(30.0)), 9), round(float(sphere.mirror.sag(30.0)), 3)
     (9.9, 10.01)
     """
     if (reason := why_not_optimised(sensor)) is not None:
         raise InvalidParameter(reason)
-    return (_profile if bend.of == "profile" else _mapping)(sensor, bend.at, bend.to)
+    return (_profile if edit.of == "profile" else _mapping)(sensor, edit.at, edit.to)
 
 
 def _profile(sensor: Sensor, x_mm: float, z_mm: float) -> Sensor:

@@ -65,7 +65,9 @@ def list_error_sources(message: ErrorSourcesRequest) -> ErrorSourceList:
         )
         for k in kinds
     )
-    return ErrorSourceList(errors=known, calibrations=CALIBRATIONS, is_quick=is_vectorised(sensor))
+    return ErrorSourceList(
+        errors=known, calibrations=CALIBRATIONS, is_vectorised=is_vectorised(sensor)
+    )
 
 
 def _has_slider(name: str) -> bool:
@@ -86,9 +88,9 @@ def built(message: AsBuiltRequest) -> bytes:
     values = {name: value for name, value in message.values.items() if value} or {
         "imager.shift_x_px": 0.0
     }
-    is_quick = is_vectorised(nominal, values)
+    is_vectorised_sensor = is_vectorised(nominal, values)
     evaluator = _cached_evaluator(
-        _cache_key(message.tables), message.refocus, STRAIGHTNESS if is_quick else ()
+        _cache_key(message.tables), message.refocus, STRAIGHTNESS if is_vectorised_sensor else ()
     )
     merits, moved = evaluator.evaluate_with_motions(
         {name: np.array([0.0, value]) for name, value in values.items()}
@@ -101,7 +103,9 @@ def built(message: AsBuiltRequest) -> bytes:
         for name, column in zip(evaluator.names, merits.T, strict=True)
     }
     straight: list[float | None] = (
-        [of[name][1] for name in STRAIGHTNESS] if is_quick else [None] * len(CALIBRATIONS)
+        [of[name][1] for name in STRAIGHTNESS]
+        if is_vectorised_sensor
+        else [None] * len(CALIBRATIONS)
     )
     header = AsBuiltResult(
         objects=len(evaluator.field),
@@ -196,11 +200,11 @@ def _yield_result(
     return YieldResult(
         trials=statistics.trials,
         lost=statistics.lost,
-        share=of.value,
+        fraction=of.value,
         low=of.low,
         high=of.high,
         median=median,
-        most=upper,
+        quantile_95=upper,
         rows=rows,
     )
 

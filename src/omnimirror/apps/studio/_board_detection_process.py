@@ -62,7 +62,7 @@ def look(message: BoardDetectionRequest, data: bytes) -> BoardDetection | Proble
                 image_in(data, message.name),
                 board_of(message),
                 name=message.name,
-                quick=message.quick,
+                quick=message.fast,
             )
         )
     except OmnimirrorError as e:

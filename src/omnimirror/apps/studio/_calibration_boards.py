@@ -84,14 +84,14 @@ def together(message: MultiImageRequest) -> MultiImageSummary:
         If the board is invalid or does not match the detections.
     """
     board = board_of(message.board)
-    detections = compared([taken(detected, board) for detected in message.pictures], board)
+    detections = compared([taken(detected, board) for detected in message.detections], board)
     used = [d for d in detections if d.used]
     spread = _coverage(used, message) if used else None
     return MultiImageSummary(
         reasons=tuple(d.reason for d in detections),
         coverage=coverage_message(spread) if spread else None,
         advice=recommendations(spread, len(used)) if spread else (),
-        not_new=None
+        candidate_reason=None
         if message.candidate is None
         else redundancy_reason(taken(message.candidate, board), used, board),
     )
@@ -110,7 +110,7 @@ def coverage_message(spread: Coverage) -> CoverageInfo:
         centre_px=(float(spread.centre_px[0]), float(spread.centre_px[1])),
         radii_px=tuple(float(r) for r in spread.radii_px),
         counts=tuple(tuple(int(c) for c in ring) for ring in spread.counts),
-        enough=MIN_CORNERS_PER_CELL,
+        min_corners=MIN_CORNERS_PER_CELL,
     )
 
 
@@ -129,31 +129,31 @@ class BoardScreen:
 
     Parameters
     ----------
-    place
+    pose
         Pose of the board.
 
     Examples
     --------
     >>> rotation = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    >>> place = BoardPose(
-    ...     picture="a", rotation=rotation, shift_mm=(0, 0, 500), low_mm=(0, 0), high_mm=(40, 20), margin_mm=10,
+    >>> pose = BoardPose(
+    ...     image="a", rotation=rotation, shift_mm=(0, 0, 500), low_mm=(0, 0), high_mm=(40, 20), margin_mm=10,
     ...     px_per_mm=2.0, is_upwards=False,
     ... )
-    >>> screen = BoardScreen(place)
+    >>> screen = BoardScreen(pose)
     >>> screen.size, screen.targets_at(np.array([20.0]), np.array([20.0]))
     ((121, 81), array([[  0.,   0., 500.]]))
     """
 
-    place: BoardPose
+    pose: BoardPose
 
     @property
     def sides_mm(self) -> Array:
         """Width and height of the view, mm."""
-        return np.subtract(self.place.high_mm, self.place.low_mm) + 2 * self.place.margin_mm
+        return np.subtract(self.pose.high_mm, self.pose.low_mm) + 2 * self.pose.margin_mm
 
     @property
     def _px_per_mm(self) -> float:
-        return float(min(self.place.px_per_mm, (MAX_VIEW_PX - 1) / self.sides_mm.max()))
+        return float(min(self.pose.px_per_mm, (MAX_VIEW_PX - 1) / self.sides_mm.max()))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -165,24 +165,24 @@ class BoardScreen:
 
     def targets_at(self, u: Array, v: Array) -> Array:
         """Return world points (..., 3), mm."""
-        x = self.place.low_mm[0] - self.place.margin_mm + np.asarray(u) / self._px_per_mm
-        down = np.asarray(v) / self._px_per_mm - self.place.margin_mm
-        y = self.place.high_mm[1] - down if self.place.is_upwards else self.place.low_mm[1] + down
+        x = self.pose.low_mm[0] - self.pose.margin_mm + np.asarray(u) / self._px_per_mm
+        down = np.asarray(v) / self._px_per_mm - self.pose.margin_mm
+        y = self.pose.high_mm[1] - down if self.pose.is_upwards else self.pose.low_mm[1] + down
         points = np.stack(np.broadcast_arrays(x, y, 0.0), axis=-1)
-        turned: Array = points @ np.reshape(self.place.rotation, (3, 3)).T + self.place.shift_mm
+        turned: Array = points @ np.reshape(self.pose.rotation, (3, 3)).T + self.pose.shift_mm
         return turned
 
     def __str__(self) -> str:
-        return f"the board in {self.place.picture}"
+        return f"the board in {self.pose.image}"
 
 
-def place_of(observation: Observation, model: CameraModel, board: Board) -> BoardPose:
+def pose_of(observation: Observation, model: CameraModel, board: Board) -> BoardPose:
     """Return the pose of an observed board in the world frame."""
     assert observation.pose is not None
     to_world = model.mount.rotation()
     low, high = board.points_mm.min(axis=0), board.points_mm.max(axis=0)
     return BoardPose(
-        picture=observation.name,
+        image=observation.name,
         rotation=tuple(float(x) for x in (to_world @ observation.pose.rotation).ravel()),
         shift_mm=tuple(float(x) for x in to_world @ observation.pose.translation_mm),  # type: ignore[arg-type]  # three numbers
         low_mm=(float(low[0]), float(low[1])),
@@ -204,10 +204,10 @@ def _px_per_mm(observation: Observation) -> float:
 
 def on_board_mm(observation: Observation, model: CameraModel, board: Board) -> Array:
     """Intersect the rays of the observed corners with the board plane; return (k, 2), mm."""
-    place = place_of(observation, model, board)
+    pose = pose_of(observation, model, board)
     rays = model.backproject(observation.pixels)
-    rotation = np.reshape(place.rotation, (3, 3))
-    origins, ways = (rays.origins - place.shift_mm) @ rotation, rays.directions @ rotation
+    rotation = np.reshape(pose.rotation, (3, 3))
+    origins, ways = (rays.origins - pose.shift_mm) @ rotation, rays.directions @ rotation
     with np.errstate(invalid="ignore", divide="ignore"):
         met: Array = origins[:, :2] - (origins[:, 2] / ways[:, 2])[:, None] * ways[:, :2]
     return np.where(rays.valid[:, None], met, np.nan)
@@ -242,12 +242,12 @@ def render_board_view(message: BoardViewRequest, data: bytes) -> bytes:
         If the image is unreadable, the camera or board is invalid, or the image size differs from
         that of the camera.
     """
-    screen = BoardScreen(message.place)
+    screen = BoardScreen(message.pose)
     if not np.all((screen.sides_mm > 0) & (screen.sides_mm < MAX_BOARD_MM)):
         raise InvalidParameter(
-            f"the board in {message.place.picture} must be larger than 0 and smaller than "
-            f"{MAX_BOARD_MM:g} mm; its corners extend from {message.place.low_mm} to "
-            f"{message.place.high_mm} mm"
+            f"the board in {message.pose.image} must be larger than 0 and smaller than "
+            f"{MAX_BOARD_MM:g} mm; its corners extend from {message.pose.low_mm} to "
+            f"{message.pose.high_mm} mm"
         )
     pixels = eight_bits(image_in(data, message.name))
     camera = parse_camera(message.camera_file, source="the camera")

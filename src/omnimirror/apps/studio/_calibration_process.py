@@ -22,7 +22,7 @@ from ...calibration.targets.frame_selection import select_distinct_frames
 from ...cameras.frames import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
-from ._calibration_boards import coverage_message, line_deviation_px, place_of, taken
+from ._calibration_boards import coverage_message, line_deviation_px, pose_of, taken
 from .calibration_messages import (
     STOP,
     BoardDetection,
@@ -63,20 +63,20 @@ def perform(
         on_progress(
             CalibrationStatus(
                 state="done",
-                sentence=calibration.summary,
-                share=1.0,
-                found=found_message(calibration),
+                message=calibration.summary,
+                fraction=1.0,
+                result=result_message(calibration),
             )
         )
         on_progress(
             CalibrationStatus(
                 state="reported",
-                sentence="Report complete.",
+                message="Report complete.",
                 report=_report(calibration, message.command),
             )
         )
     except OmnimirrorError as e:
-        on_progress(CalibrationStatus(state="failed", sentence=_plain(str(e))))
+        on_progress(CalibrationStatus(state="failed", message=_plain(str(e))))
 
 
 def _usable(detections: Sequence[Detection], board: Board) -> list[Detection]:
@@ -97,10 +97,10 @@ def _calibrated(
     on_progress: OnProgress,
     stop: Callable[[], bool],
 ) -> Calibration:
-    def progress(what: str, share: float) -> None:
+    def progress(task: str, fraction: float) -> None:
         on_progress(
             CalibrationStatus(
-                state="running", sentence=f"{what[:1].upper()}{what[1:]}", share=share
+                state="running", message=f"{task[:1].upper()}{task[1:]}", fraction=fraction
             )
         )
 
@@ -118,11 +118,11 @@ def _calibrated(
     )
 
 
-def _plain(sentence: str) -> str:
+def _plain(message: str) -> str:
     """Convert a message of the command line to the labels of the page."""
     for option, label in LABELS.items():
-        sentence = sentence.replace(option, label)
-    return sentence
+        message = message.replace(option, label)
+    return message
 
 
 def _report(calibration: Calibration, command: str) -> str:
@@ -134,7 +134,7 @@ def _report(calibration: Calibration, command: str) -> str:
 # -- messages --------------------------------------------------------------------------------------
 
 
-def found_message(calibration: Calibration) -> CalibrationResult:
+def result_message(calibration: Calibration) -> CalibrationResult:
     """Convert a calibration to a message."""
     fit = calibration.adjustment
     used = {p.name for p in calibration.images if p.used}
@@ -147,24 +147,30 @@ def found_message(calibration: Calibration) -> CalibrationResult:
         seconds=calibration.seconds,
         is_complete=calibration.is_complete,
         image_size=fit.model.image_size,
-        pictures=_image_entries(calibration),
+        images=_image_entries(calibration),
         parameters=tuple(
             ParameterEstimate(name=p.name, value=p.value, sigma=p.sigma or None, unit=p.unit)
             for p in calibration.parameters
         ),
         models=tuple(
-            ModelComparisonRow(**(c._asdict() | {"held_out_rms_px": finite(c.held_out_rms_px)}))
+            ModelComparisonRow(
+                kind=c.kind,
+                parameters=c.parameters,
+                rms_px=c.rms_px,
+                held_out_rms_px=finite(c.held_out_rms_px),
+                reason=c.why,
+            )
             for c in sorted(calibration.candidates, key=lambda c: c.rms_px)
         ),
         outliers=tuple(
-            OutlierCorner(picture=o.image, corner=o.corner, residual_px=o.residual_px)
+            OutlierCorner(image=o.image, corner=o.corner, residual_px=o.residual_px)
             for o in calibration.outliers
         ),
         notes=calibration.notes,
         advice=calibration.advice,
         coverage=coverage_message(calibration.coverage),
-        places=tuple(
-            place_of(s, calibration.model, calibration.board)
+        poses=tuple(
+            pose_of(s, calibration.model, calibration.board)
             for s in fit.observations
             if s.name in used
         ),
@@ -197,7 +203,7 @@ def _image_entries(calibration: Calibration) -> tuple[CalibrationImage, ...]:
         images.append(
             CalibrationImage(
                 name=entry.name,
-                found=entry.found,
+                corners=entry.found,
                 used=entry.used,
                 reason=entry.reason,
                 rms_px=entry.rms_px,
@@ -217,9 +223,7 @@ def finite(value: float) -> float | None:
 def main(stream: TextIO) -> None:
     """Run the calibration of the input."""
     message = CalibrationRequest.model_validate_json(stream.readline())
-    images = [
-        BoardDetection.model_validate_json(stream.readline()) for _ in range(message.pictures)
-    ]
+    images = [BoardDetection.model_validate_json(stream.readline()) for _ in range(message.images)]
     stopping = threading.Event()
 
     def listen() -> None:

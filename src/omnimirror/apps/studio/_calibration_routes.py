@@ -99,7 +99,7 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
         message = await receive_message(socket, CalibrationRequest)
         async with workers.one() as worker:
             worker.send(message.model_dump_json())
-            for _ in range(message.pictures):
+            for _ in range(message.images):
                 detected = await receive_message(socket, BoardDetection)
                 await asyncio.to_thread(worker.send, detected.model_dump_json())
             await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
@@ -107,7 +107,7 @@ async def _work(socket: WebSocket, workers: Workers) -> None:
         await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
-        await socket.send_text(CalibrationStatus(state="failed", sentence=str(e)).model_dump_json())
+        await socket.send_text(CalibrationStatus(state="failed", message=str(e)).model_dump_json())
     await socket.close()
 
 

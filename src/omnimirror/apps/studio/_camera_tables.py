@@ -239,7 +239,7 @@ def _next(
 #
 # A rotationally symmetric camera is tabulated over sin(Omega/2), as in
 # :mod:`omnimirror.dewarp._source_coordinates`, with fewer entries. Other cameras are sampled on a
-# lattice of pixels over the disk ``sin(Omega/2) (cos phi, sin phi)`` about their axis, which
+# lattice of pixels over the disc ``sin(Omega/2) (cos phi, sin phi)`` about their axis, which
 # resembles the image, with a table of the field boundary and, for mirrors, a lattice of ray origins.
 
 ENTRIES = 2048  # texture width that every WebGL2 implementation supports
@@ -297,7 +297,7 @@ def camera_tables(camera: AnyCamera) -> CameraTables:
     layout = TableLayout(
         first=t.first,
         last=t.last,
-        eye_mm=t.viewpoint,
+        viewpoint_mm=t.viewpoint,
         radii=len(t.radii),
         origins=len(t.origins),
         lattice=0,
@@ -387,7 +387,7 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
     layout = TableLayout(
         first=0.0,
         last=end,
-        eye_mm=0.0,
+        viewpoint_mm=0.0,
         radii=0,
         origins=0,
         lattice=LATTICE,
@@ -463,7 +463,7 @@ def _sides_of_tube(camera: AnyCamera) -> PartOf | None:
 
 
 def _projection(camera: AnyCamera) -> Exact:
-    """Return a function of pixels (n, 2) of points (n, 2) in the disk; NaN outside the field."""
+    """Return a function of pixels (n, 2) of points (n, 2) in the disc; NaN outside the field."""
     frame = np.stack(frame_of(camera))
 
     def project(places: Array) -> Array:
@@ -476,7 +476,7 @@ def _projection(camera: AnyCamera) -> Exact:
 
 
 def _directions_of(places: Array, frame: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Return the mask of points (n, 2) inside the disk, and their directions (k, 3)."""
+    """Return the mask of points (n, 2) inside the disc, and their directions (k, 3)."""
     sine2 = np.einsum("ni,ni->n", places, places)  # sin^2 of half the angle
     inside = sine2 <= 1
     across = 2 * np.sqrt(1 - sine2[inside, None]) * places[inside]

@@ -22,8 +22,8 @@ def framed(header: Message, *parts: bytes) -> bytes:
     """Encode a header and its payload as one message.
 
     >>> from .bench_messages import ApiError
-    >>> framed(ApiError(path=(), sentence="no"), b"abcd")
-    b'\\x1c\\x00\\x00\\x00{"path":[],"sentence":"no"} abcd'
+    >>> framed(ApiError(path=(), message="no"), b"abcd")
+    b'\\x1b\\x00\\x00\\x00{"path":[],"message":"no"} abcd'
     """
     text = header.model_dump_json().encode()
     text += b" " * (-len(text) % 4)
@@ -39,8 +39,8 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
         If the message is invalid.
 
     >>> from .bench_messages import ApiError
-    >>> unframed(framed(ApiError(path=(), sentence="no"), b"abcd"), ApiError)
-    (ApiError(path=(), sentence='no'), b'abcd')
+    >>> unframed(framed(ApiError(path=(), message="no"), b"abcd"), ApiError)
+    (ApiError(path=(), message='no'), b'abcd')
     """
     if len(data) < 4:
         raise InvalidMessage(

@@ -82,7 +82,7 @@ def detect_outline(data: bytes, name: str) -> DetectedOutline:
             centre_px=rim.centre_px,
             radius_px=rim.radius_px,
             confidence=rim.confidence,
-            is_sure=rim.is_accepted,
+            is_reliable=rim.is_accepted,
         )
         if len(_rims) >= MAX_CACHED_OUTLINES:
             _rims.clear()
@@ -104,8 +104,8 @@ def estimate_tilt(
         pitch_deg=level.pitch_deg,
         roll_deg=level.roll_deg,
         sigma_deg=level.sigma_deg,
-        upright=level.upright,
-        is_sure=level.is_reliable,
+        vertical_edges=level.upright,
+        is_reliable=level.is_reliable,
     )
 
 
@@ -146,7 +146,8 @@ def render_room(known: NamedCamera) -> bytes:
     if width * height > MAX_PIXELS:
         raise OmnimirrorError(
             f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million "
-            f"pixels; got {width} x {height} px; omnimirror simulate supports larger images"
+            f"pixels; got {width} x {height} px; omnimirror simulate supports larger "
+            "images"
         )
     return encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
@@ -227,14 +228,14 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         known = _known(studio.cameras, id)
         return _png(await studio.simulated.run(known, lambda: render_room(known)))
 
-    @app.get("/api/picture", response_class=Response, responses={200: PNG})
+    @app.get("/api/image", response_class=Response, responses={200: PNG})
     async def source_image(id: str) -> Response:
         """Return an image of the server as 8-bit PNG."""
         try:
             source = await asyncio.to_thread(studio.sources.find, id)
         except KeyError:
             raise HTTPException(404, f"unknown image {id!r}") from None
-        if source.kind != "picture":
+        if source.kind != "image":
             raise HTTPException(404, f"{source.name} must be an image; got a {source.kind} source")
         path = Path(source.place)
         return _png(
@@ -244,20 +245,19 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         )
 
     @app.post(
-        "/api/pictures", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
+        "/api/convert", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
     )
-    async def convert(request: Request, name: FileName = "picture") -> Response:
+    async def convert(request: Request, name: FileName = "image") -> Response:
         """Convert an image that browsers cannot read to 8-bit PNG."""
         data = await uploaded_file(request)
         return _png(
             await studio.unpacked.run(
-                request,
-                lambda: browser_image(data, safe_name(name), stored_orientation=is_stored),
+                request, lambda: browser_image(data, safe_name(name), stored_orientation=is_stored)
             )
         )
 
     @app.post("/api/rim", openapi_extra=FILE_BODY)
-    async def rim(request: Request, name: FileName = "picture") -> DetectedOutline:
+    async def rim(request: Request, name: FileName = "image") -> DetectedOutline:
         """Return the mirror outline in an image with its confidence."""
         data = await uploaded_file(request)
         return await studio.unpacked.run(request, lambda: detect_outline(data, safe_name(name)))
@@ -292,7 +292,7 @@ def _add_streams(app: FastAPI, studio: Studio) -> None:
         try:
             source = studio.sources.find(id)
         except KeyError:
-            ended = StreamState(state="ended", sentence=f"unknown stream {id!r}")
+            ended = StreamState(state="ended", message=f"unknown stream {id!r}")
             await socket.send_text(ended.model_dump_json())
             await socket.close()
             return

@@ -31,7 +31,7 @@ def perform(task: SearchTask, on_progress: OnProgress) -> None:
     """Run a task and report its progress; the last message contains the sensor or an error."""
     try:
         sensor = sensor_on_bench(task.tables)
-        (_optimise if task.what == "optimise" else _design)(task, sensor, on_progress)
+        (_optimise if task.kind == "optimise" else _design)(task, sensor, on_progress)
     except OmnimirrorError as e:
         on_progress(_news("failed", str(e)))
 
@@ -96,8 +96,8 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
         raise InvalidParameter("requirements must be given for a design from requirements")
     if "mirror" not in task.requirements:
         raise InvalidParameter(
-            "the requirements must specify a mapping or a family for a design from requirements; "
-            "add [mirror] to the requirement file"
+            "the requirements must specify a mapping or a family for a design from "
+            "requirements; add [mirror] to the requirement file"
         )
     requested = requirements_for(task.requirements, aligned_sensor(sensor))
     solution = design_sensor(requested, lambda words: on_progress(_news("running", words)))
@@ -108,13 +108,13 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
 
 def _news(
     state: str,
-    sentence: str,
-    share: float | None = None,
+    message: str,
+    fraction: float | None = None,
     value: float | None = None,
     sensor: Sensor | None = None,
 ) -> TaskStatus:
     on = on_bench(sensor) if sensor is not None else None
-    return TaskStatus(state=state, sentence=sentence, share=share, value=value, sensor=on)  # type: ignore[arg-type]  # pydantic checks the state
+    return TaskStatus(state=state, message=message, fraction=fraction, value=value, sensor=on)  # type: ignore[arg-type]  # pydantic checks the state
 
 
 def main() -> None:

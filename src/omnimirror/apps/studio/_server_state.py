@@ -29,7 +29,7 @@ class ListedSource:
 
     id: str
     name: str
-    kind: Literal["picture", "video", "live"]
+    kind: Literal["image", "video", "live"]
     place: str
 
     @property
@@ -99,14 +99,14 @@ class Sources:
         raise KeyError(id)
 
 
-def kind_of_file(path: Path) -> Literal["picture", "video"] | None:
+def kind_of_file(path: Path) -> Literal["image", "video"] | None:
     """Return the kind of a file by its suffix.
 
     >>> kind_of_file(Path("room.PNG")), kind_of_file(Path("ride.mp4")), kind_of_file(Path("notes.txt"))
-    ('picture', 'video', None)
+    ('image', 'video', None)
     """
     suffix = path.suffix.lower()
-    return "picture" if suffix in IMAGE_SUFFIXES else "video" if suffix in VIDEO_SUFFIXES else None
+    return "image" if suffix in IMAGE_SUFFIXES else "video" if suffix in VIDEO_SUFFIXES else None
 
 
 def _listed(id: str, place: str, is_live: bool) -> ListedSource:
@@ -116,7 +116,7 @@ def _listed(id: str, place: str, is_live: bool) -> ListedSource:
         resolve_source(place)
         return ListedSource(id, without_credentials(place), "live", place)
     path = Path(place)
-    return ListedSource(id, path.name, kind_of_file(path) or "picture", place)
+    return ListedSource(id, path.name, kind_of_file(path) or "image", place)
 
 
 # -- Streams ---------------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ class Stream:
         self.viewers = 0
         self.count = 0
         """Number of frames so far; also the index of the newest frame."""
-        self.state = StreamState(state="waiting", sentence=f"waiting for {source.name}")
+        self.state = StreamState(state="waiting", message=f"waiting for {source.name}")
         self._newest: bytes | None = None
         self._loop = loop
         self._news = asyncio.Event()
@@ -201,7 +201,7 @@ class Stream:
     def _notify(self, jpeg: bytes | None, state: State, sentence: str) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(
-                self._publish, jpeg, StreamState(state=state, sentence=sentence)
+                self._publish, jpeg, StreamState(state=state, message=sentence)
             )
 
     def _publish(self, jpeg: bytes | None, state: StreamState) -> None:

@@ -71,7 +71,7 @@ def bench_alone() -> StandaloneBench:
         sensors=tuple(known.values()),
         search=tuple(map(float, FOCUS_SEARCH)),
         kernel=b64encode(KERNEL.read_bytes()).decode(),
-        script=script_text("bench.js"),
+        script=script_text("design.js"),
     )
 
 
@@ -170,7 +170,7 @@ def _standalone_camera(known: NamedCamera) -> StandaloneCamera:
     )
     return StandaloneCamera(
         entry=known.entry,
-        standing=tuple(
+        untilted=tuple(
             known.model(Mount(orientation, image_flipped=flipped)) for orientation, flipped in ways
         ),
         tables=base64_of(camera_tables(known.camera).values.astype("<f4").tobytes()),

@@ -95,7 +95,7 @@ def uploaded(
     """
     suffix = _checked_kind(data, name)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"picture{suffix}"
+        path = Path(folder) / f"image{suffix}"
         path.write_bytes(data)
         try:
             return read_image_and_metadata(path, stored_orientation=stored_orientation)

@@ -35,7 +35,7 @@ from .pages import SCRIPTS, PageFile, page_text, script_text
 # -- ASGI application ------------------------------------------------------------------------------
 
 IMAGE_ROUTES = (
-    "/api/pictures",
+    "/api/convert",
     "/api/rim",
     "/api/restore",
     "/api/level",

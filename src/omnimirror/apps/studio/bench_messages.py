@@ -32,7 +32,7 @@ class ParameterInfo(Message):
     description: str
     choices: tuple[str, ...]
     is_list: bool
-    is_whole: bool
+    is_integer: bool
     is_optional: bool
     default: float | None = Field(description="default of an optional number; null if it has none")
 
@@ -62,7 +62,7 @@ class BenchStart(Message):
     secondaries: tuple[PartInfo, ...]
     lenses: tuple[PartInfo, ...]
     imager: PartInfo
-    place: PartInfo = Field(description="position of a second mirror")
+    secondary_position: PartInfo = Field(description="position of a second mirror")
     mount: PartInfo = Field(description="mirror distance")
     pose: PartInfo = Field(description="misalignment of the mirror")
     columns: tuple[QuantityInfo, ...] = Field(
@@ -83,14 +83,16 @@ class ApiError(Message):
     """Error message with the entry that it concerns, if any."""
 
     path: tuple[str, ...]
-    sentence: str
+    message: str
 
 
 class BenchSensor(Message):
     """Sensor on the bench."""
 
     tables: Tables
-    follows: bool = Field(description="whether the lens position follows the mapping of the mirror")
+    follows_mapping: bool = Field(
+        description="whether the lens position follows the mapping of the mirror"
+    )
 
 
 class StandaloneBench(Message):
@@ -118,7 +120,7 @@ class DesignChange(ClientMessage):
     """Change of the kind of mirror or lens, or refocus by a merit."""
 
     tables: Tables
-    what: Literal["mirror", "lens", "focus"]
+    target: Literal["mirror", "lens", "focus"]
     to: str = Field(max_length=60)
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
 
@@ -141,15 +143,15 @@ class DesignRequest(ClientMessage):
     slot: int = Field(ge=0, le=8, description="index of the displayed design")
     number: int
     tables: Tables
-    follows: bool
+    follows_mapping: bool
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
-    section: bool
-    squares: bool
-    space: bool = Field(
+    include_section: bool
+    include_squares: bool
+    include_3d: bool = Field(
         default=False, description="whether to return parts and rays for the 3-D view"
     )
     requirements: Tables | None
-    bend: CurveEdit | None = Field(
+    edit: CurveEdit | None = Field(
         default=None, description="manual deformation applied before the evaluation"
     )
 
@@ -185,7 +187,7 @@ class RequirementResult(Message):
     unit: str
     at_least: float | None
     at_most: float | None
-    reached: float | None
+    value: float | None
     margin: float | None
     is_met: bool
     omega_deg: float | None = Field(description="field angle of the critical value")
@@ -218,13 +220,13 @@ class DesignResponse(Message):
 
     slot: int
     number: int
-    trouble: ApiError | None
-    remark: str | None = Field(description="properties of the sensor that the plots do not include")
-    facts: DesignSummary | None
+    error: ApiError | None
+    note: str | None = Field(description="properties of the sensor that the plots do not include")
+    summary: DesignSummary | None
     rows: tuple[RequirementResult, ...]
-    requirements_trouble: str | None
+    requirements_error: str | None
     blocks: tuple[Block, ...]
-    bent: BenchSensor | None = Field(description="deformed design")
+    edited: BenchSensor | None = Field(description="deformed design")
 
 
 class SliderValues(ClientMessage):
@@ -240,15 +242,15 @@ class SliderRequest(ClientMessage):
     """Request for the feasible ranges of sliders."""
 
     tables: Tables
-    follows: bool
+    follows_mapping: bool
     requirements: Tables
-    slides: tuple[SliderValues, ...] = Field(max_length=60)
+    sliders: tuple[SliderValues, ...] = Field(max_length=60)
 
 
 class SliderViolations(Message):
     """Relative violation of each requirement, negative if satisfied; null for an invalid design."""
 
-    missed: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(
+    violations: tuple[tuple[tuple[float, ...] | None, ...], ...] = Field(
         description="violations by slider and value"
     )
 
@@ -264,7 +266,7 @@ class RenderRequest(ClientMessage):
 class RenderHeader(Message):
     """Header of two JPEG files: image and panorama."""
 
-    picture_bytes: int
+    image_bytes: int
     panorama_bytes: int
 
 
@@ -279,8 +281,8 @@ class FileRequest(ClientMessage):
 class FileProgress(Message):
     """Progress of a file export."""
 
-    sentence: str
-    share: float = Field(description="completed fraction")
+    message: str
+    fraction: float = Field(description="completed fraction")
 
 
 class RequirementFileRequest(ClientMessage):
@@ -293,7 +295,7 @@ class RequirementFileRequest(ClientMessage):
 class SearchTask(ClientMessage):
     """Long-running task: mirror optimisation or design from requirements."""
 
-    what: Literal["optimise", "design"]
+    kind: Literal["optimise", "design"]
     tables: Tables
     requirements: Tables | None
     object_distance_mm: float | None = Field(gt=0, description="null: infinite")
@@ -313,8 +315,8 @@ class TaskStatus(Message):
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
 
     state: Literal["running", "done", "failed"]
-    sentence: str
-    share: float | None = Field(description="completed fraction")
+    message: str
+    fraction: float | None = Field(description="completed fraction")
     value: float | None = Field(description="current merit")
     sensor: BenchSensor | None
 
@@ -352,7 +354,7 @@ class ErrorSourceList(Message):
 
     errors: tuple[ErrorSourceInfo, ...]
     calibrations: tuple[str, ...]
-    is_quick: bool = Field(description="whether ray tracing is vectorised over sensors")
+    is_vectorised: bool = Field(description="whether ray tracing is vectorised over sensors")
 
 
 class AsBuiltRequest(ClientMessage):
@@ -414,9 +416,9 @@ class YieldResult(Message):
 
     trials: int
     lost: int
-    share: float
+    fraction: float
     low: float
     high: float
     median: float | None
-    most: float | None = Field(description="95 % quantile")
+    quantile_95: float | None = Field(description="95 % quantile")
     rows: tuple[SingleErrorEffect, ...] = Field(description="in descending order")

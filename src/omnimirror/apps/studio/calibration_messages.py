@@ -35,8 +35,8 @@ class BoardSpec(ClientMessage):
 class BoardDetectionRequest(BoardSpec):
     """Board detection request for one image."""
 
-    name: str = Field(default="picture", max_length=200)
-    quick: bool = Field(default=False, description="fast detection for live cameras")
+    name: str = Field(default="image", max_length=200)
+    fast: bool = Field(default=False, description="fast detection for live cameras")
 
 
 class BoardDetection(ClientMessage):
@@ -59,7 +59,7 @@ class MultiImageRequest(ClientMessage):
     """Analysis request for several images of one camera."""
 
     board: BoardSpec
-    pictures: tuple[BoardDetection, ...] = Field(max_length=MAX_IMAGES)
+    detections: tuple[BoardDetection, ...] = Field(max_length=MAX_IMAGES)
     centre_px: Pixel | None = Field(description="centre of the field; null: image centre")
     radius_px: float | None = Field(
         gt=0, description="radius of the field; null: distance of the farthest corner"
@@ -76,7 +76,7 @@ class CoverageInfo(Message):
     centre_px: Pixel
     radii_px: tuple[float, ...]
     counts: tuple[tuple[int, ...], ...]
-    enough: int = Field(description="recommended minimum number of corners per cell")
+    min_corners: int = Field(description="recommended minimum number of corners per cell")
 
 
 class MultiImageSummary(Message):
@@ -87,7 +87,7 @@ class MultiImageSummary(Message):
     )
     coverage: CoverageInfo | None
     advice: tuple[str, ...]
-    not_new: str | None = Field(
+    candidate_reason: str | None = Field(
         description="reason against the candidate; null if it adds information"
     )
 
@@ -96,7 +96,7 @@ class CalibrationRequest(ClientMessage):
     """Calibration request; followed by one message per image with its detection."""
 
     board: BoardSpec
-    pictures: int = Field(ge=1, le=MAX_IMAGES)
+    images: int = Field(ge=1, le=MAX_IMAGES)
     model: str = Field(max_length=60)
     optics: Literal["mirror", "fisheye"]
     camera_looks: Literal["up", "down", "forward"]
@@ -111,7 +111,7 @@ class CalibrationImage(Message):
     """Calibration result of one image."""
 
     name: str
-    found: int
+    corners: int
     used: bool
     reason: str | None
     rms_px: float | None
@@ -142,13 +142,13 @@ class ModelComparisonRow(Message):
     parameters: int
     rms_px: float
     held_out_rms_px: float | None
-    why: str
+    reason: str
 
 
 class OutlierCorner(Message):
     """Outlier corner."""
 
-    picture: str
+    image: str
     corner: int
     residual_px: float
 
@@ -156,7 +156,7 @@ class OutlierCorner(Message):
 class BoardPose(ClientMessage):
     """Pose of a board, used for its dewarped image."""
 
-    picture: str
+    image: str
     rotation: tuple[float, ...] = Field(
         min_length=9, max_length=9, description="rotation from the board frame to the world frame"
     )
@@ -179,14 +179,14 @@ class CalibrationResult(Message):
     seconds: float
     is_complete: bool
     image_size: tuple[int, int]
-    pictures: tuple[CalibrationImage, ...]
+    images: tuple[CalibrationImage, ...]
     parameters: tuple[ParameterEstimate, ...]
     models: tuple[ModelComparisonRow, ...]
     outliers: tuple[OutlierCorner, ...]
     notes: tuple[str, ...]
     advice: tuple[str, ...]
     coverage: CoverageInfo
-    places: tuple[BoardPose, ...]
+    poses: tuple[BoardPose, ...]
     camera_file: str = Field(max_length=1 << 20)
 
 
@@ -194,9 +194,9 @@ class CalibrationStatus(Message):
     """Progress of a calibration: status, estimated camera, report, or error."""
 
     state: Literal["running", "done", "reported", "failed"]
-    sentence: str
-    share: float | None = None
-    found: CalibrationResult | None = None
+    message: str
+    fraction: float | None = None
+    result: CalibrationResult | None = None
     report: str | None = None
 
 
@@ -204,7 +204,7 @@ class BoardViewRequest(ClientMessage):
     """Dewarp request for an image of a board; the image follows."""
 
     camera_file: str = Field(max_length=1 << 20)
-    place: BoardPose
+    pose: BoardPose
     name: str = Field(max_length=250)
 
 

@@ -51,7 +51,7 @@ class TableLayout(Message):
 
     first: float = Field(description="sin(Omega/2) of the first radius")
     last: float = Field(description="sin(Omega/2) of the last radius, or of the lattice boundary")
-    eye_mm: float = Field(description="approximate viewpoint for near objects along the axis")
+    viewpoint_mm: float = Field(description="approximate viewpoint for near objects along the axis")
     radii: int = Field(description="number of image radii, px, at equidistant sin(Omega/2)")
     origins: int = Field(
         description="number of ray origins, mm: distances from the axis, then positions along it"
@@ -63,7 +63,7 @@ class TableLayout(Message):
         description="number of boundary values sin(Omega/2) at equidistant azimuths"
     )
     starts: int = Field(
-        description="side length of the lattice of ray origins over the same disk: mm along axis, right, down"
+        description="side length of the lattice of ray origins over the same disc: mm along axis, right, down"
     )
 
 
@@ -124,7 +124,7 @@ class DetectedOutline(Message):
     centre_px: Pixel
     radius_px: float
     confidence: float
-    is_sure: bool
+    is_reliable: bool
 
 
 class EstimatedTilt(Message):
@@ -133,8 +133,8 @@ class EstimatedTilt(Message):
     pitch_deg: float
     roll_deg: float
     sigma_deg: float = Field(description="standard error of the vertical direction")
-    upright: int = Field(description="number of vertical edges")
-    is_sure: bool = Field(description="whether it is reliable enough for automatic use")
+    vertical_edges: int = Field(description="number of vertical edges")
+    is_reliable: bool = Field(description="whether it is reliable enough for automatic use")
 
 
 class Source(Message):
@@ -142,7 +142,7 @@ class Source(Message):
 
     id: str
     name: str
-    kind: Literal["picture", "video", "live"]
+    kind: Literal["image", "video", "live"]
     command: str = Field(
         description="path for the command line, relative to the working directory of the server"
     )
@@ -162,7 +162,7 @@ class StreamState(Message):
     """State of a stream; frames are sent separately as binary messages."""
 
     state: Literal["waiting", "playing", "lost", "ended"]
-    sentence: str
+    message: str
 
 
 class EmbeddedImage(Message):
@@ -181,7 +181,7 @@ class StandaloneCamera(Message):
     """Camera of a page without a server, for any mount."""
 
     entry: SensorEntry
-    standing: tuple[CameraInfo, ...] = Field(
+    untilted: tuple[CameraInfo, ...] = Field(
         description="models without tilt, with the image top forward: each orientation, flipped and not flipped"
     )
     tables: str = Field(description="float32 values, little-endian, in base64")

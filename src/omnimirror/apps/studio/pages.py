@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 # -- Static files ----------------------------------------------------------------------------------
 
 PAGE = Path(__file__).parent / "page" / "index.html"
-SCRIPTS = ("bench.js", "space.js", "calibrate.js")
+SCRIPTS = ("design.js", "space.js", "calibrate.js")
 """Scripts of the tabs and the 3-D view, loaded on demand."""
 
 
@@ -155,7 +155,7 @@ def image_viewer(
     else:
         media = inside(encoded(eight_bits(image), ".png"), "image/png")
     return _page_with(
-        camera, name, options, media, path.name if path else "picture.png", is_video=False
+        camera, name, options, media, path.name if path else "image.png", is_video=False
     )
 
 

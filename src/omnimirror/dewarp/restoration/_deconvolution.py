@@ -99,7 +99,9 @@ class CompiledImage:
     """Multithreaded implementation in C++."""
 
     def __init__(self, kernels: object, roots: Values, guess: Values) -> None:
-        self._sharp = backend.kernels.Sharpening(kernels, kernel_array(roots), kernel_array(guess))
+        self._sharp = backend.kernels.Deconvolution(
+            kernels, kernel_array(roots), kernel_array(guess)
+        )
         self._shape = roots.shape
 
     def improve(self, costs: Values, steps: IndexArray) -> None:

@@ -226,11 +226,7 @@ Solution = tuple[Tensor, Tensor, Components]
 
 
 def reflect_targets(
-    surface: SurfaceTable,
-    pupil: Components,
-    target: Components,
-    telecentric: bool,
-    distant: bool,
+    surface: SurfaceTable, pupil: Components, target: Components, telecentric: bool, distant: bool
 ) -> SurfacePoints:
     """Find the reflection points of targets in the mirror frame.
 
@@ -364,7 +360,7 @@ def _initial_point(surface: SurfaceTable, ends: Endpoints) -> tuple[Tensor, Tens
     position = ((omega - low) * (CELLS / (high - low))).clamp(0, CELLS)
     r = surface.by_omega.value(surface.by_omega.locate(position))
     rim = surface.mirror.rim_radius_mm
-    min_r = surface.tables.min_mm
+    min_r = surface.tables.min_radius_mm
     meridian_ends = ((0.0, 0.0, pupil_z), telecentric), ((across, 0.0, tz), distant)
     if not distant:
         max_step = MAX_STEP_LENGTH * rim

@@ -13,9 +13,9 @@ from ...calibration.sensor_parameters import ParameterLocation
 from ...optics.mirrors import Mirror
 from ...optics.tracing.reflection import (
     CELLS,
-    NOT_SETTLED,
-    SEEN,
+    NOT_CONVERGED,
     SETTLED,
+    VISIBLE,
     MirrorTables,
     Search,
     cubic_pieces,
@@ -136,7 +136,9 @@ def compiled_reflections(
     )
     x, y, z, sx, sy, a, b, c = _tensors(rows, target[0])
     state = torch.from_numpy(states)
-    return CompiledReflections((x, y, z), (sx, sy), (a, b, c), state == SEEN, state == NOT_SETTLED)
+    return CompiledReflections(
+        (x, y, z), (sx, sy), (a, b, c), state == VISIBLE, state == NOT_CONVERGED
+    )
 
 
 class CompiledIntersections(NamedTuple):
@@ -160,11 +162,11 @@ def compiled_intersections(
     rows, states = np.empty((6, inputs.shape[1])), np.empty(inputs.shape[1], np.uint8)
     x, y, z = (_as_float(part) for part in pupil)
     surface, until = tables.surface((x, y, z), False), search.until(tolerance)
-    backend.kernels.meet_mirror(
+    backend.kernels.intersect_mirror(
         surface, until, tables.depth, tables.max_tangent, inputs, rows, states
     )
     x, y, z, sx, sy, _ = _tensors(rows, direction[0])
-    return CompiledIntersections((x, y, z), (sx, sy), torch.from_numpy(states) == SEEN)
+    return CompiledIntersections((x, y, z), (sx, sy), torch.from_numpy(states) == VISIBLE)
 
 
 def _as_float(part: Tensor) -> float:

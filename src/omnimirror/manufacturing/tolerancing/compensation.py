@@ -49,9 +49,9 @@ class Compensators:
         Orthonormal rows; the first two are shifts.
     basis : (e, 2 n)
         Orthonormal rows of pose motions, orthogonal to ``affine``.
-    straight : (e, p)
+    linear : (e, p)
         First-order coefficients of the pose parameters.
-    bent : (e, p (p + 1) / 2)
+    quadratic : (e, p (p + 1) / 2)
         Second-order coefficients, in the order of ``combinations_with_replacement``.
     radial : (k, 2 n)
         Orthonormal rows of a radial mapping, orthogonal to all first-order motions.
@@ -59,8 +59,8 @@ class Compensators:
 
     affine: Array
     basis: Array
-    straight: Array
-    bent: Array
+    linear: Array
+    quadratic: Array
     radial: Array
 
     def left(self, motion: Array) -> Array:
@@ -75,7 +75,7 @@ class Compensators:
     def pose(self, motion: Array) -> Array:
         """Fit poses (t, p) to motions by the Gauss-Newton method, after the affine part."""
         projected = motion @ self.basis.T
-        pose = np.zeros((len(motion), self.straight.shape[1]))
+        pose = np.zeros((len(motion), self.linear.shape[1]))
         for _ in range(ROUNDS):
             moved, rate = self.moved(pose)
             normal = rate.swapaxes(1, 2) @ rate
@@ -90,9 +90,9 @@ class Compensators:
     def moved(self, pose: Array) -> tuple[Array, Array]:
         """Return motions (t, e) of poses (t, p) and their derivatives (t, e, p)."""
         pairs = list(combinations_with_replacement(range(pose.shape[1]), 2))
-        moved = pose @ self.straight.T
-        rate = np.broadcast_to(self.straight, (len(pose), *self.straight.shape)).copy()
-        for (i, j), column in zip(pairs, self.bent.T, strict=True):
+        moved = pose @ self.linear.T
+        rate = np.broadcast_to(self.linear, (len(pose), *self.linear.shape)).copy()
+        for (i, j), column in zip(pairs, self.quadratic.T, strict=True):
             moved += (pose[:, i] * pose[:, j])[:, None] * column
             rate[:, :, i] += pose[:, j, None] * column
             rate[:, :, j] += pose[:, i, None] * column
@@ -120,18 +120,18 @@ def fit_compensators(field: Field) -> Compensators:
     shift = [np.append(one, zero), np.append(zero, one)]
     stretch = [np.append(c, zero) for c in (x, y)] + [np.append(zero, c) for c in (x, y)]
     r = np.hypot(x, y)
-    straight, bent = _by_pose(field)
+    linear, quadratic = _by_pose(field)
     affine = _orthonormal(np.zeros((0, 2 * n)), shift + stretch)
     taken, retained = affine, []
-    for i, column in enumerate(straight):
+    for i, column in enumerate(linear):
         before = len(taken)
         taken = _orthonormal(taken, [column])
         if len(taken) > before:
             retained.append(i)
     pairs = list(combinations_with_replacement(retained, 2))
-    basis = _orthonormal(taken, [bent[pair] for pair in pairs])[len(affine) :]
-    lines = np.stack([basis @ straight[i] for i in retained], axis=-1)
-    curves = np.stack([basis @ bent[pair] for pair in pairs], axis=-1)
+    basis = _orthonormal(taken, [quadratic[pair] for pair in pairs])[len(affine) :]
+    lines = np.stack([basis @ linear[i] for i in retained], axis=-1)
+    curves = np.stack([basis @ quadratic[pair] for pair in pairs], axis=-1)
     mapping = [np.append(x * r ** (p - 1), y * r ** (p - 1)) for p in RADIAL_POWERS]
     return Compensators(affine, basis, lines, curves, _orthonormal(taken, mapping)[len(taken) :])
 
@@ -172,16 +172,16 @@ def _by_pose(field: Field) -> tuple[list[Array], dict[tuple[int, int], Array]]:
         field.images(dict(zip(pose, poses.T, strict=True)), rim_slack=RIM_MARGIN).offsets_px,
         field.offsets_px,
     )
-    bent: dict[tuple[int, int], Array] = {}
-    straight: list[Array] = []
+    quadratic: dict[tuple[int, int], Array] = {}
+    linear: list[Array] = []
     for k, (i, j) in enumerate(pairs):
         both, neither, first, second = moved[4 * k : 4 * k + 4]
         if i == j:  # two steps of one parameter: first and second are 0
-            straight.append((both - neither) / (4 * STEP))
-            bent[i, j] = (both + neither) / (8 * STEP**2)
+            linear.append((both - neither) / (4 * STEP))
+            quadratic[i, j] = (both + neither) / (8 * STEP**2)
         else:
-            bent[i, j] = (both + neither - first - second) / (4 * STEP**2)
-    return straight, bent
+            quadratic[i, j] = (both + neither - first - second) / (4 * STEP**2)
+    return linear, quadratic
 
 
 def motion(offsets_px: Array, reference_px: Array) -> Array:

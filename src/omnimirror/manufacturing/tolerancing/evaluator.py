@@ -47,10 +47,10 @@ def evaluate_compiled(reference: Reference, states: States) -> tuple[Array, Arra
     area = np.abs(np.linalg.det(field.px_per_deg))
     deg_per_px = np.linalg.inv(field.px_per_deg).reshape(-1, 4)
     rows = tuple(
-        np.ascontiguousarray(part) for part in (c.affine, c.basis, c.straight, c.bent, c.radial)
+        np.ascontiguousarray(part) for part in (c.affine, c.basis, c.linear, c.quadratic, c.radial)
     )
     objects = (field.targets, field.start, reference.reference_px, deg_per_px, area)
-    backend.kernels.judge_trials(
+    backend.kernels.evaluate_trials(
         numbers,
         terms,
         bool(states.surfaces.curvature.any()),

@@ -41,7 +41,9 @@ from .closed_forms import (
 
 SCAN = 17  # vergences sampled for valleys
 MARGIN = 0.05  # fraction of the range of vergences, on both sides
-HOPE = 0.02  # tangents may intersect above a known minimum: areas are not convex; also in focus.hpp
+TANGENT_MARGIN = (
+    0.02  # tangents may intersect above a known minimum: areas are not convex; also in focus.hpp
+)
 CLOSE = 1e-12  # width of the final bracket, relative to the scanned range
 FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MAX_BRACKET_STEPS, MIN_BRACKET_REDUCTION, BISECTION_PERIOD)
 """The same constants for the compiled evaluator."""
@@ -303,7 +305,7 @@ def _other_valleys(
     fa, fb, ga, gb = value[:, :-1], value[:, 1:], rate[:, :-1], rate[:, 1:]
     with np.errstate(divide="ignore", invalid="ignore"):
         offset = (fb - fa - gb * step) / (ga - gb)
-    kink = (offset > 0) & (offset < step) & (fa + ga * offset < minimum * (1 + HOPE))
+    kink = (offset > 0) & (offset < step) & (fa + ga * offset < minimum * (1 + TANGENT_MARGIN))
     between = (ga < 0) & (gb > 0)
     cell = np.arange(SCAN - 1)
     is_main_valley = between & ((cell == k - 1) | (cell == k))

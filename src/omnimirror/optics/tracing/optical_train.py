@@ -509,7 +509,7 @@ class CoveredMirror:
             )
             for end in (pupils, targets)
         )
-        backend.kernels.find_covered(
+        backend.kernels.find_reflections_through_shell(
             (self._meridian_table, mirror.rim_radius_mm / CELLS, mirror.rim_radius_mm, turn, shift),
             shell_kernel_arguments(self.shell),
             self.ends_mm,

@@ -190,7 +190,7 @@ class MirrorTables:
     depth : (k, 4) or None
         Depth from the lens as a function of the ray's tangent, up to ``max_tangent``; None if
         telecentric.
-    rim_mm, min_mm
+    rim_mm, min_radius_mm
         Radius of the rim, and of the excluded zone about the apex of a pointed mirror.
     """
 
@@ -202,7 +202,7 @@ class MirrorTables:
     middle_mm: float
     max_tangent: float
     rim_mm: float
-    min_mm: float
+    min_radius_mm: float
 
     @classmethod
     def of(cls, mirror: Mirror, pupil_distance: float) -> MirrorTables:
@@ -232,7 +232,7 @@ class MirrorTables:
 
     def surface(self, pupil: tuple[float, ...], telecentric: bool) -> tuple[Any, ...]:
         """Return kernel arguments of the surface, including the lens position."""
-        return (self.meridian, self.cell_mm, self.rim_mm, self.min_mm, *pupil, telecentric)
+        return (self.meridian, self.cell_mm, self.rim_mm, self.min_radius_mm, *pupil, telecentric)
 
 
 def radii(mirror: Mirror, cells: int = CELLS) -> Array:
@@ -290,7 +290,7 @@ def _depths(
 # complete the solution.
 
 SETTLED = 1e-7  # relative to the rim radius: convergence is quadratic from here
-SEEN, NOT_SETTLED = 1, 2  # states returned by the kernel
+VISIBLE, NOT_CONVERGED = 1, 2  # states returned by the kernel
 STEPS, FIRST_STEPS = 24, 6
 FIRST_CLOSE = 3e-5  # relative to the rim radius: limit of the first search
 REACH = (CELLS + CELLS_BEYOND_RIM) / CELLS
@@ -361,7 +361,7 @@ def compiled_reflection_points(
         states,
     )
     a, b, c = rows[5:]
-    is_shortest = (states != NOT_SETTLED) & (a > 0) & (a * c > b * b)
+    is_shortest = (states != NOT_CONVERGED) & (a > 0) & (a * c > b * b)
     positions: Array = np.where(is_shortest, rows[:2], np.nan).T.copy()
     return positions
 

@@ -162,7 +162,7 @@ def shell_exit_compiled(shell: Shell, points: Array, directions: Array) -> Shell
         np.empty((4, count)),
         np.empty((2, count), np.bool_),
     )
-    backend.kernels.leave_wall(
+    backend.kernels.shell_exit(
         shell_kernel_arguments(shell), points, directions, vectors, numbers, flags.view(np.uint8)
     )
     exit_points, outwards, met, incident, inwards = vectors

@@ -102,7 +102,7 @@ def intersect_boxes(
     """
     if backend.is_compiled:
         distance, face = np.empty(len(origins_mm)), np.empty(len(origins_mm), np.int32)
-        backend.kernels.meet_boxes(
+        backend.kernels.intersect_boxes(
             _corners((room, *solids)), *_rows(origins_mm, directions), distance, face
         )
         return BoxHits(distance, face)
@@ -159,7 +159,7 @@ def are_blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> ND
     """Return the mask of segments (n, 3), starting at the origins, that intersect a solid."""
     if backend.is_compiled:
         through = np.empty(len(origins_mm), np.bool_)
-        backend.kernels.lead_through_boxes(
+        backend.kernels.are_blocked(
             _corners(solids), *_rows(origins_mm, segments), through.view(np.uint8)
         )
         return through
@@ -218,7 +218,7 @@ def _passage(box: Box, origins: Array, inverse: Array) -> tuple[Array, Array]:
 
 # -- Textured parallelograms and triangles ---------------------------------------------------------
 
-BESIDE = 1e-6  # relative to a side: no gaps between surfaces that share an edge
+EDGE_MARGIN = 1e-6  # relative to a side: no gaps between surfaces that share an edge
 RAYS_AT_ONCE = 1 << 22  # rays times surfaces, in NumPy
 
 
@@ -390,7 +390,7 @@ class Surfaces:
             b = np.einsum("nj,nsj->ns", directions, q) * inverse
             t = np.einsum("sj,nsj->ns", other, q) * inverse
             end = np.where(self.records["kind"] < 0, a + b, np.maximum(a, b))
-            on = (np.minimum(a, b) >= -BESIDE) & (end <= 1 + BESIDE) & (t > 0)
+            on = (np.minimum(a, b) >= -EDGE_MARGIN) & (end <= 1 + EDGE_MARGIN) & (t > 0)
         return np.where(on, t, np.inf), a, b
 
 

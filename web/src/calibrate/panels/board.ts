@@ -1,6 +1,6 @@
 import { h, unique } from "../../shared/dom";
 import type { BoardSpec } from "../../shared/messages";
-import { COUNTED, printCommand } from "../words";
+import { COUNTED, printCommand } from "../formatting";
 
 const KINDS: [BoardSpec["kind"], string][] = [
   ["chessboard", "Chessboard"],

@@ -1,7 +1,7 @@
 import { h, unique } from "../../shared/dom";
 import type { CalibrationOptions, CalibrationRequest } from "../../shared/messages";
 import { words } from "../../shared/numbers";
-import { modelsFor, modelWords } from "../words";
+import { modelsFor, modelWords } from "../formatting";
 
 type Sought = Pick<
   CalibrationRequest,
@@ -21,7 +21,7 @@ const OPTICS: [Sought["optics"], string][] = [
   ["mirror", "Mirror"],
   ["fisheye", "Fisheye"],
 ];
-const LOOKS: [Sought["camera_looks"], string][] = [
+const CAMERA_ORIENTATIONS: [Sought["camera_looks"], string][] = [
   ["up", "up"],
   ["down", "down"],
   ["forward", "forward"],
@@ -31,7 +31,7 @@ const LOOKS: [Sought["camera_looks"], string][] = [
 export class CameraPanel {
   private readonly optics = select(OPTICS);
   private readonly model = select([]);
-  private readonly looks = select(LOOKS);
+  private readonly looks = select(CAMERA_ORIENTATIONS);
   private readonly flipped = checkbox();
   private readonly flat = checkbox();
   private readonly useRim = checkbox();
@@ -81,7 +81,7 @@ export class CameraPanel {
       input.addEventListener("change", changed);
   }
 
-  get sought(): Sought {
+  get settings(): Sought {
     const rim = this.rim && this.useRim.checked && this.isMirror ? this.rim : null;
     return {
       model: this.model.value,
@@ -98,15 +98,15 @@ export class CameraPanel {
     return this.optics.value === "mirror";
   }
 
-  take(sought: Sought, rim: Rim | null): void {
-    this.optics.value = sought.optics;
+  take(settings: Sought, rim: Rim | null): void {
+    this.optics.value = settings.optics;
     this.offer();
-    this.model.value = sought.model;
-    this.looks.value = sought.camera_looks;
-    this.flipped.checked = sought.image_flipped;
-    this.flat.checked = sought.flat_board;
+    this.model.value = settings.model;
+    this.looks.value = settings.camera_looks;
+    this.flipped.checked = settings.image_flipped;
+    this.flat.checked = settings.flat_board;
     this.showRim(rim);
-    this.useRim.checked = sought.rim_radius_px !== null;
+    this.useRim.checked = settings.rim_radius_px !== null;
   }
 
   /** Display the detected rim; null if there is none. */

@@ -11,9 +11,9 @@ const STOP = "stop";
 const STOPPING = "Stopping with the best camera so far…";
 
 /** Input of a calibration, and its callbacks. */
-interface Hands {
-  given: () => { ask: CalibrationRequest; pictures: BoardDetection[] } | null;
-  found: (found: CalibrationResult) => void;
+interface Callbacks {
+  request: () => { ask: CalibrationRequest; detections: BoardDetection[] } | null;
+  result: (result: CalibrationResult) => void;
   reported: (report: string) => void;
 }
 
@@ -27,7 +27,7 @@ export class RunPanel {
     { type: "button", className: "primary", onclick: () => this.start() },
     "Calibrate",
   );
-  private readonly enough = h(
+  private readonly min_corners = h(
     "button",
     { type: "button", hidden: true, onclick: () => this.end() },
     "Stop and keep the result",
@@ -42,18 +42,18 @@ export class RunPanel {
     hidden: true,
     "aria-label": "Calibration",
   });
-  private readonly said = h("p", { className: "words", role: "status" });
+  private readonly status = h("p", { className: "words", role: "status" });
 
   constructor(
     place: HTMLElement,
-    private readonly hands: Hands,
+    private readonly callbacks: Callbacks,
   ) {
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
-      h("div", { className: "row" }, this.begin, this.enough, this.cancel),
+      h("div", { className: "row" }, this.begin, this.min_corners, this.cancel),
       this.reason,
       this.bar,
-      this.said,
+      this.status,
     );
   }
 
@@ -61,18 +61,18 @@ export class RunPanel {
   show(reason: string | null): void {
     this.reason.textContent = reason ?? "";
     this.reason.hidden = reason === null;
-    this.begin.disabled = this.task.isUnderWay || reason !== null;
+    this.begin.disabled = this.task.isActive || reason !== null;
   }
 
   /** Cancel a calibration whose images changed. */
   forget(): void {
-    if (this.task.isUnderWay) this.over("The images changed; start the calibration again.");
-    else this.said.textContent = "";
+    if (this.task.isActive) this.over("The images changed; start the calibration again.");
+    else this.status.textContent = "";
   }
 
   private start(): void {
-    const given = this.hands.given();
-    if (!given) return;
+    const request = this.callbacks.request();
+    if (!request) return;
     this.hasFound = false;
     const cutOff = () =>
       this.over(
@@ -82,48 +82,48 @@ export class RunPanel {
       );
     this.task.begin(
       "api/calibrate/work",
-      [given.ask, ...given.pictures],
-      (news) => this.told(news),
+      [request.ask, ...request.detections],
+      (news) => this.onStatus(news),
       cutOff,
     );
     this.running(true);
-    this.said.textContent = "Starting…";
+    this.status.textContent = "Starting…";
   }
 
-  private told(news: CalibrationStatus): void {
+  private onStatus(news: CalibrationStatus): void {
     if (news.state === "running") {
-      this.bar.value = news.share ?? 0;
-      if (!this.enough.disabled) this.said.textContent = `${news.sentence}…`;
+      this.bar.value = news.fraction ?? 0;
+      if (!this.min_corners.disabled) this.status.textContent = `${news.message}…`;
     } else if (news.state === "done") {
       this.hasFound = true;
-      this.hands.found(news.found!);
-      this.enough.hidden = true;
+      this.callbacks.result(news.result!);
+      this.min_corners.hidden = true;
       this.bar.removeAttribute("value");
-      this.said.textContent = "Calibration complete. Writing the report…";
+      this.status.textContent = "Calibration complete. Writing the report…";
     } else if (news.state === "reported") {
       this.over("Done.");
-      this.hands.reported(news.report!);
+      this.callbacks.reported(news.report!);
     } else
-      this.over(`${news.sentence[0].toUpperCase()}${news.sentence.slice(1).replace(/\.?$/, ".")}`);
+      this.over(`${news.message[0].toUpperCase()}${news.message.slice(1).replace(/\.?$/, ".")}`);
   }
 
   /** Stop with the best camera so far. */
   private end(): void {
     this.task.tell(STOP);
-    this.enough.disabled = true;
-    this.said.textContent = STOPPING;
+    this.min_corners.disabled = true;
+    this.status.textContent = STOPPING;
   }
 
-  private over(sentence: string): void {
+  private over(message: string): void {
     this.task.end();
     this.running(false);
-    this.said.textContent = sentence;
+    this.status.textContent = message;
   }
 
   private running(isRunning: boolean): void {
     this.begin.disabled = isRunning || !this.reason.hidden;
-    this.enough.hidden = this.cancel.hidden = this.bar.hidden = !isRunning;
-    this.enough.disabled = false;
+    this.min_corners.hidden = this.cancel.hidden = this.bar.hidden = !isRunning;
+    this.min_corners.disabled = false;
     this.bar.removeAttribute("value");
   }
 }

@@ -9,11 +9,11 @@ const STILL = 0.008; // maximum displacement of a motionless target, relative to
 const REST_MS = 120; // ms between two detections
 const PAUSE_MS = 700; // ms after a failed request
 
-interface Hands {
+interface Callbacks {
   board: () => BoardSpec | null;
   /** Joint analysis of the images and the current webcam frame. */
-  together: (candidate: BoardDetection) => Promise<MultiImageSummary>;
-  take: (picture: Blob) => Promise<boolean>;
+  analysis: (candidate: BoardDetection) => Promise<MultiImageSummary>;
+  take: (image: Blob) => Promise<boolean>;
   closed: () => void;
   fail: (e: unknown) => void;
 }
@@ -23,7 +23,7 @@ export class WebcamPane {
   readonly element: HTMLElement;
   private readonly stage = h("div", { className: "live" });
   private readonly overlay = svg("svg", { "aria-hidden": "true" });
-  private readonly said = h("p", { className: "advice", role: "status" });
+  private readonly status = h("p", { className: "advice", role: "status" });
   private readonly auto = h("input", { type: "checkbox", checked: true });
   private readonly which = h("select", {
     "aria-label": "Webcam device",
@@ -32,17 +32,17 @@ export class WebcamPane {
   private video: HTMLVideoElement | null = null;
   private close = (): void => {};
   private before: BoardDetection | null = null;
-  private wanted = false;
+  private isCaptureRequested = false;
   private number = 0;
-  private looking = new AbortController();
+  private running = new AbortController();
 
-  constructor(private readonly hands: Hands) {
+  constructor(private readonly callbacks: Callbacks) {
     const buttons = h(
       "div",
       { className: "row" },
       h(
         "button",
-        { type: "button", className: "primary", onclick: () => (this.wanted = true) },
+        { type: "button", className: "primary", onclick: () => (this.isCaptureRequested = true) },
         "Capture image",
       ),
       h("button", { type: "button", onclick: () => this.stop() }, "Close webcam"),
@@ -52,7 +52,7 @@ export class WebcamPane {
       "section",
       { className: "plot webcam", "aria-label": "Webcam", hidden: true },
       this.stage,
-      this.said,
+      this.status,
       h(
         "label",
         { className: "check" },
@@ -74,9 +74,9 @@ export class WebcamPane {
     this.element.hidden = false;
     this.say("Waiting for the camera…");
     try {
-      const { video, device, close } = await openedWebcam(id, (sentence) => {
+      const { video, device, close } = await openedWebcam(id, (message) => {
         this.stop();
-        this.hands.fail(new api.Refused(sentence));
+        this.callbacks.fail(new api.RequestRejected(message));
       });
       if (number !== this.number) return close();
       [this.video, this.close] = [video, close];
@@ -89,21 +89,21 @@ export class WebcamPane {
     } catch (e) {
       if (number !== this.number) return;
       this.stop();
-      this.hands.fail(e);
+      this.callbacks.fail(e);
     }
   }
 
   stop(): void {
     this.number++;
-    this.looking.abort();
-    this.looking = new AbortController();
+    this.running.abort();
+    this.running = new AbortController();
     this.close();
     this.close = () => {};
     this.video = this.before = null;
-    this.wanted = false;
+    this.isCaptureRequested = false;
     this.stage.replaceChildren();
     this.element.hidden = true;
-    this.hands.closed();
+    this.callbacks.closed();
   }
 
   private async offer(device: string): Promise<void> {
@@ -123,63 +123,67 @@ export class WebcamPane {
         await rest(REST_MS);
       } catch (e) {
         if (number !== this.number) return;
-        this.say(api.isForeseen(e) ? e.message : "This image could not be processed.");
+        this.say(api.isUserError(e) ? e.message : "This image could not be processed.");
         await rest(PAUSE_MS);
       }
     }
   }
 
   private async look(number: number): Promise<void> {
-    const board = this.hands.board();
+    const board = this.callbacks.board();
     if (!board || document.hidden) return;
     const frame = await frameOf(this.video!);
-    if (this.wanted) return this.take(frame, "Taken.");
-    const seen = await api.look(
+    if (this.isCaptureRequested) return this.take(frame, "Taken.");
+    const detection = await api.look(
       frame,
-      { ...board, name: "the image", quick: true },
-      this.looking.signal,
+      { ...board, name: "the image", fast: true },
+      this.running.signal,
     );
-    const together = await this.hands.together(seen);
+    const analysis = await this.callbacks.analysis(detection);
     if (number !== this.number) return;
-    this.draw(seen, together);
-    const isStill = movedBy(this.before, seen) < STILL;
-    this.before = seen;
-    if (seen.reason !== null)
+    this.draw(detection, analysis);
+    const isStill = movedBy(this.before, detection) < STILL;
+    this.before = detection;
+    if (detection.reason !== null)
       return this.say(
-        `${advice(together) || "Hold the target in front of the camera."} Status: ${seen.reason}.`,
+        `${advice(analysis) || "Hold the target in front of the camera."} Status: ${detection.reason}.`,
       );
-    if (together.not_new !== null)
-      return this.say(advice(together) || `Move the target: ${together.not_new}.`);
+    if (analysis.candidate_reason !== null)
+      return this.say(advice(analysis) || `Move the target: ${analysis.candidate_reason}.`);
     if (!isStill) return this.say("Good position; hold the target still.");
     if (this.auto.checked) return this.take(frame, "Image captured. Move the target.");
     this.say("Good position; capture an image.");
   }
 
   private async take(frame: Blob, words: string): Promise<void> {
-    this.wanted = false;
+    this.isCaptureRequested = false;
     this.before = null;
-    this.say((await this.hands.take(frame)) ? words : "The maximum number of images is reached.");
-  }
-
-  private draw(seen: BoardDetection, { coverage }: MultiImageSummary): void {
-    const [width, height] = seen.image_size;
-    this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
-    const size = Math.max(width, height) / 140;
-    const empty = coverage ? cellsOf(coverage).filter((cell) => cell.count < coverage.enough) : [];
-    this.overlay.replaceChildren(
-      svg("path", { class: "wanted", d: empty.map((cell) => cell.path).join("") }),
-      svg("path", { class: "corners", d: crosses(seen.corners_px, size) }),
+    this.say(
+      (await this.callbacks.take(frame)) ? words : "The maximum number of images is reached.",
     );
   }
 
-  private say(sentence: string): void {
-    if (this.said.textContent !== sentence) this.said.textContent = sentence;
+  private draw(detection: BoardDetection, { coverage }: MultiImageSummary): void {
+    const [width, height] = detection.image_size;
+    this.overlay.setAttribute("viewBox", `-0.5 -0.5 ${width} ${height}`);
+    const size = Math.max(width, height) / 140;
+    const empty = coverage
+      ? cellsOf(coverage).filter((cell) => cell.count < coverage.min_corners)
+      : [];
+    this.overlay.replaceChildren(
+      svg("path", { class: "wanted", d: empty.map((cell) => cell.path).join("") }),
+      svg("path", { class: "corners", d: crosses(detection.corners_px, size) }),
+    );
+  }
+
+  private say(message: string): void {
+    if (this.status.textContent !== message) this.status.textContent = message;
   }
 }
 
 /** Return the recommended next position of the target. */
 const advice = ({ advice: all }: MultiImageSummary): string =>
-  all.find((sentence) => !sentence.startsWith("Capture more images")) ?? "";
+  all.find((message) => !message.startsWith("Capture more images")) ?? "";
 const rest = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 async function frameOf(video: HTMLVideoElement): Promise<Blob> {
@@ -187,6 +191,7 @@ async function frameOf(video: HTMLVideoElement): Promise<Blob> {
   [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
   canvas.getContext("2d")!.drawImage(video, 0, 0);
   const frame = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-  if (!frame) throw new api.Refused("The browser could not capture the image of the camera.");
+  if (!frame)
+    throw new api.RequestRejected("The browser could not capture the image of the camera.");
   return frame;
 }

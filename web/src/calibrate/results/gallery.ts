@@ -1,7 +1,7 @@
 import { h, svg } from "../../shared/dom";
 import { crosses } from "../drawing";
-import type { Shot } from "../shots";
-import { stateWords } from "../words";
+import type { BoardImage } from "../board_images";
+import { stateWords } from "../formatting";
 
 interface Item {
   item: HTMLElement;
@@ -13,70 +13,71 @@ interface Item {
 /** Thumbnails of all images with their detections. */
 export class Gallery {
   readonly element = h("ul", { className: "shots", "aria-label": "Images" });
-  private readonly items = new Map<Shot, Item>();
+  private readonly items = new Map<BoardImage, Item>();
 
-  constructor(private readonly choose: (shot: Shot) => void) {}
+  constructor(private readonly choose: (image: BoardImage) => void) {}
 
-  show(shots: readonly Shot[], chosen: Shot | null): void {
-    for (const [shot, { item }] of this.items) {
-      if (shots.includes(shot)) continue;
+  show(images: readonly BoardImage[], chosen: BoardImage | null): void {
+    for (const [image, { item }] of this.items) {
+      if (images.includes(image)) continue;
       item.remove();
-      this.items.delete(shot);
+      this.items.delete(image);
     }
-    for (const shot of shots) {
-      const known = this.items.get(shot) ?? this.begun(shot);
+    for (const image of images) {
+      const known = this.items.get(image) ?? this.begun(image);
       const shown = JSON.stringify([
-        shot.thumbnail,
-        shot.seen?.ids.length,
-        shot.trouble,
-        shot.reason,
-        shot === chosen,
+        image.thumbnail,
+        image.detection?.ids.length,
+        image.error,
+        image.reason,
+        image === chosen,
       ]);
       if (known.shown === shown) continue;
-      fill(known.button, shot, shot === chosen);
+      fill(known.button, image, image === chosen);
       known.shown = shown;
     }
   }
 
   /** Create one permanent button per image, so that a press during an update is not lost. */
-  private begun(shot: Shot): Item {
-    const button = h("button", { type: "button", onclick: () => this.choose(shot) });
+  private begun(image: BoardImage): Item {
+    const button = h("button", { type: "button", onclick: () => this.choose(image) });
     const begun = { item: h("li", {}, button), button, shown: "" };
     this.element.append(begun.item);
-    this.items.set(shot, begun);
+    this.items.set(image, begun);
     return begun;
   }
 }
 
-function fill(button: HTMLElement, shot: Shot, isChosen: boolean): void {
-  const reason = shot.trouble ?? shot.reason;
-  const words = shot.trouble ?? (shot.seen ? stateWords(shot.seen, reason) : "Detecting…");
-  const picture = h(
+function fill(button: HTMLElement, image: BoardImage, isChosen: boolean): void {
+  const reason = image.error ?? image.reason;
+  const words =
+    image.error ?? (image.detection ? stateWords(image.detection, reason) : "Detecting…");
+  const thumbnail = h(
     "span",
     { className: "thumbnail" },
-    shot.thumbnail ? h("img", { src: shot.thumbnail, alt: "" }) : null,
-    cornersOf(shot),
+    image.thumbnail ? h("img", { src: image.thumbnail, alt: "" }) : null,
+    cornersOf(image),
   );
   button.setAttribute("aria-pressed", String(isChosen));
-  button.title = `${shot.name}: ${words}`;
+  button.title = `${image.name}: ${words}`;
   button.replaceChildren(
-    picture,
-    h("b", {}, shot.name),
+    thumbnail,
+    h("b", {}, image.name),
     h("small", { className: reason ? "missed" : "" }, words),
   );
 }
 
 /** Create the overlay of the detected corners. */
-function cornersOf(shot: Shot): SVGElement | null {
-  if (!shot.seen?.ids.length) return null;
-  const [width, height] = shot.seen.image_size;
-  const isUsed = shot.reason === null;
+function cornersOf(image: BoardImage): SVGElement | null {
+  if (!image.detection?.ids.length) return null;
+  const [width, height] = image.detection.image_size;
+  const isUsed = image.reason === null;
   return svg(
     "svg",
     { viewBox: `-0.5 -0.5 ${width} ${height}`, "aria-hidden": "true" },
     svg("path", {
       class: isUsed ? "corners" : "corners unused",
-      d: crosses(shot.seen.corners_px, Math.max(width, height) / 130),
+      d: crosses(image.detection.corners_px, Math.max(width, height) / 130),
     }),
   );
 }

@@ -3,7 +3,7 @@ import type { CalibrationResult, CoverageInfo } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { arrows, byRadius, cellsOf, coveredIn, dots, timesFor } from "../drawing";
 import type { Rim } from "../panels/camera";
-import { px } from "../words";
+import { px } from "../formatting";
 
 const ARROW = 0.02; // length of a typical residual, relative to the longer image side
 const [WIDTH, HEIGHT, LEFT, BOTTOM, TOP] = [420, 240, 46, 34, 8];
@@ -31,9 +31,9 @@ export function coveragePlot(
   const [filled, all] = coveredIn(shown);
   const cells = cellsOf(shown).map(({ path, count }) =>
     svg("path", {
-      class: count < shown.enough ? "cell empty" : "cell",
+      class: count < shown.min_corners ? "cell empty" : "cell",
       d: path,
-      "fill-opacity": (0.12 + 0.4 * Math.min(1, count / (6 * shown.enough))).toFixed(2),
+      "fill-opacity": (0.12 + 0.4 * Math.min(1, count / (6 * shown.min_corners))).toFixed(2),
     }),
   );
   const drawing = svg(
@@ -42,7 +42,7 @@ export function coveragePlot(
       class: "field",
       viewBox: viewBox(size),
       role: "img",
-      "aria-label": `Coverage of the field: ${filled} of ${all} cells contain at least ${shown.enough} corners.`,
+      "aria-label": `Coverage of the field: ${filled} of ${all} cells contain at least ${shown.min_corners} corners.`,
     },
     svg("rect", { class: "frame", x: -0.5, y: -0.5, width: size[0], height: size[1] }),
     ...cells,
@@ -54,29 +54,29 @@ export function coveragePlot(
     );
   return figure(
     "Coverage",
-    `${filled} of ${all} cells of the field contain at least ${shown.enough} corners`,
+    `${filled} of ${all} cells of the field contain at least ${shown.min_corners} corners`,
     drawing,
   );
 }
 
 /** Plot the residual vectors in the image. */
-export function residualPlot(found: CalibrationResult): HTMLElement {
-  const all = found.pictures.flatMap((p) => p.residuals);
-  const times = timesFor(found.rms_px, ARROW * Math.max(...found.image_size));
+export function residualPlot(result: CalibrationResult): HTMLElement {
+  const all = result.images.flatMap((p) => p.residuals);
+  const times = timesFor(result.rms_px, ARROW * Math.max(...result.image_size));
   const drawing = svg(
     "svg",
     {
       class: "field",
-      viewBox: viewBox(found.image_size),
+      viewBox: viewBox(result.image_size),
       role: "img",
-      "aria-label": `Residuals of ${all.length} corners in the image, RMS ${px(found.rms_px)}.`,
+      "aria-label": `Residuals of ${all.length} corners in the image, RMS ${px(result.rms_px)}.`,
     },
     svg("rect", {
       class: "frame",
       x: -0.5,
       y: -0.5,
-      width: found.image_size[0],
-      height: found.image_size[1],
+      width: result.image_size[0],
+      height: result.image_size[1],
     }),
     svg("path", { class: "residuals", d: arrows(all, times) }),
   );
@@ -84,10 +84,10 @@ export function residualPlot(found: CalibrationResult): HTMLElement {
 }
 
 /** Plot radial and tangential residuals over the image radius. */
-export function radiusPlot(found: CalibrationResult): HTMLElement {
+export function radiusPlot(result: CalibrationResult): HTMLElement {
   const rows = byRadius(
-    found.pictures.flatMap((p) => p.residuals),
-    found.coverage.centre_px,
+    result.images.flatMap((p) => p.residuals),
+    result.coverage.centre_px,
   );
   const outer = Math.max(...rows.map(([r]) => r), 1);
   const high = Math.max(

@@ -1,21 +1,21 @@
 import { h } from "../../shared/dom";
 import type { CalibrationResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
-import { modelWords, px } from "../words";
+import { modelWords, px } from "../formatting";
 import { radiusPlot, residualPlot } from "./plots";
 
 const MAX_OUTLIERS = 40;
 
 /** Create the summary of a calibration: values and residuals. */
-export function resultsOf(found: CalibrationResult): HTMLElement[] {
-  const used = found.pictures.filter((p) => p.used).length;
+export function resultsOf(result: CalibrationResult): HTMLElement[] {
+  const used = result.images.filter((p) => p.used).length;
   const numbers: [string, string][] = [
-    ["Model", modelWords(found.kind)],
-    ["RMS", px(found.rms_px)],
-    ["RMS, held out", px(found.held_out_rms_px)],
-    ["Images", `${used} of ${found.pictures.length}`],
-    ["Corners used", `${found.corners - found.outliers.length} of ${found.corners}`],
-    ["Duration", `${words(found.seconds, 2)} s`],
+    ["Model", modelWords(result.kind)],
+    ["RMS", px(result.rms_px)],
+    ["RMS, held out", px(result.held_out_rms_px)],
+    ["Images", `${used} of ${result.images.length}`],
+    ["Corners used", `${result.corners - result.outliers.length} of ${result.corners}`],
+    ["Duration", `${words(result.seconds, 2)} s`],
   ];
   return [
     h(
@@ -26,33 +26,33 @@ export function resultsOf(found: CalibrationResult): HTMLElement[] {
         {},
         ...numbers.map(([term, value]) => h("div", {}, h("dt", {}, term), h("dd", {}, value))),
       ),
-      list("notes", found.notes),
+      list("notes", result.notes),
     ),
-    h("div", { className: "plots" }, residualPlot(found), radiusPlot(found)),
+    h("div", { className: "plots" }, residualPlot(result), radiusPlot(result)),
   ];
 }
 
 /** Create the tables of images, parameters, models and outliers. */
 export const tablesOf = (
-  found: CalibrationResult,
-  choose: (picture: string) => void,
+  result: CalibrationResult,
+  choose: (image: string) => void,
 ): HTMLElement[] => [
-  pictures(found, choose),
-  parameters(found),
-  ...(found.models.length > 1 ? [models(found)] : []),
-  outliers(found),
+  images(result, choose),
+  parameters(result),
+  ...(result.models.length > 1 ? [models(result)] : []),
+  outliers(result),
 ];
 
 /** Create a list of messages. */
 export const list = (className: string, sentences: readonly string[]): HTMLElement =>
   h("ul", { className, hidden: !sentences.length }, ...sentences.map((s) => h("li", {}, s)));
 
-function pictures(found: CalibrationResult, choose: (picture: string) => void): HTMLElement {
-  const name = (picture: string): HTMLElement =>
-    h("button", { type: "button", className: "link", onclick: () => choose(picture) }, picture);
-  const rows = found.pictures.map((p) => [
+function images(result: CalibrationResult, choose: (image: string) => void): HTMLElement {
+  const name = (image: string): HTMLElement =>
+    h("button", { type: "button", className: "link", onclick: () => choose(image) }, image);
+  const rows = result.images.map((p) => [
     name(p.name),
-    String(p.found),
+    String(p.corners),
     p.rms_px === null ? "–" : words(p.rms_px, 3),
     p.held_out_rms_px === null ? "–" : words(p.held_out_rms_px, 3),
     p.used ? "used" : (p.reason ?? "not used"),
@@ -60,8 +60,8 @@ function pictures(found: CalibrationResult, choose: (picture: string) => void): 
   return table("Images", ["image", "corners", "RMS, px", "held out, px", ""], rows);
 }
 
-function parameters(found: CalibrationResult): HTMLElement {
-  const rows = found.parameters.map((p) => [
+function parameters(result: CalibrationResult): HTMLElement {
+  const rows = result.parameters.map((p) => [
     p.name.replaceAll("_", " "),
     words(p.value, 6),
     p.sigma === null ? "fixed" : `± ${words(p.sigma, 2)}`,
@@ -70,34 +70,34 @@ function parameters(found: CalibrationResult): HTMLElement {
   return table("Parameters with standard deviations", ["", "value", "sigma", "unit"], rows);
 }
 
-function models(found: CalibrationResult): HTMLElement {
-  const rows = found.models.map((m) => [
-    m.kind === found.kind ? h("b", {}, modelWords(m.kind)) : modelWords(m.kind),
+function models(result: CalibrationResult): HTMLElement {
+  const rows = result.models.map((m) => [
+    m.kind === result.kind ? h("b", {}, modelWords(m.kind)) : modelWords(m.kind),
     String(m.parameters),
     words(m.rms_px, 3),
     m.held_out_rms_px === null ? "–" : words(m.held_out_rms_px, 3),
-    m.why,
+    m.reason,
   ]);
   return table("Compared models", ["model", "parameters", "RMS, px", "held out, px", ""], rows);
 }
 
-function outliers(found: CalibrationResult): HTMLElement {
-  const shown = found.outliers.slice(0, MAX_OUTLIERS);
+function outliers(result: CalibrationResult): HTMLElement {
+  const shown = result.outliers.slice(0, MAX_OUTLIERS);
   if (!shown.length) return h("p", { className: "words" }, "There are no outliers.");
-  const made = table(
+  const element = table(
     "Outliers",
-    ["picture", "corner", "residual, px"],
-    shown.map((o) => [o.picture, String(o.corner), words(o.residual_px, 3)]),
+    ["image", "corner", "residual, px"],
+    shown.map((o) => [o.image, String(o.corner), words(o.residual_px, 3)]),
   );
-  if (shown.length < found.outliers.length)
-    made.append(
+  if (shown.length < result.outliers.length)
+    element.append(
       h(
         "p",
         { className: "words" },
-        `and ${found.outliers.length - shown.length} more, listed in the report.`,
+        `and ${result.outliers.length - shown.length} more, listed in the report.`,
       ),
     );
-  return made;
+  return element;
 }
 
 function table(

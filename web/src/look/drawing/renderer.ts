@@ -1,20 +1,20 @@
-import { Refused } from "../../shared/api";
+import { RequestRejected } from "../../shared/api";
 import type { Camera } from "../geometry/camera";
 import type { Part, View } from "../geometry/views";
 import { FRAGMENT, VERTEX } from "./shader";
 
-export type Picture = ImageBitmap | HTMLVideoElement | HTMLCanvasElement;
+export type PixelSource = ImageBitmap | HTMLVideoElement | HTMLCanvasElement;
 
-const UNITS = { picture: 0, radii: 1, lattice: 2, limits: 3, starts: 4 } as const;
+const UNITS = { image: 0, radii: 1, lattice: 2, limits: 3, starts: 4 } as const;
 
 /** Texture of an additional image. */
-interface Kept {
+interface Stored {
   texture: WebGLTexture;
-  picture: Picture;
+  image: PixelSource;
 }
 
 /** WebGL2 is missing or insufficient. */
-export class NoWebGL extends Refused {}
+export class NoWebGL extends RequestRejected {}
 
 /** Renderer of views of an image with a camera. */
 export class Renderer {
@@ -23,9 +23,9 @@ export class Renderer {
   private textures!: Record<keyof typeof UNITS, WebGLTexture>;
   private readonly places = new Map<string, WebGLUniformLocation | null>();
   private camera: Camera | null = null;
-  private pictureSize: [number, number] = [0, 0];
+  private imageSize: [number, number] = [0, 0];
   private restored: WebGLTexture | null = null;
-  private readonly others = new Map<string, Kept>();
+  private readonly additional = new Map<string, Stored>();
 
   constructor(
     readonly canvas: HTMLCanvasElement,
@@ -49,7 +49,7 @@ export class Renderer {
     this.prepare();
   }
 
-  get largestPicture(): number {
+  get maxImageSide(): number {
     return this.gl.getParameter(this.gl.MAX_TEXTURE_SIZE) as number;
   }
 
@@ -95,18 +95,18 @@ export class Renderer {
     this.upload("radii", gl.RGBA32F, gl.RGBA, t.radii, 1, rows);
   }
 
-  setPicture(picture: Picture, width: number, height: number): void {
+  setImage(image: PixelSource, width: number, height: number): void {
     const { gl } = this;
-    this.pictureSize = [width, height];
+    this.imageSize = [width, height];
     gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.image);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
   }
 
   /** Set a second image of the same size (restored), or remove it. */
-  setRestored(picture: ImageBitmap | null): void {
+  setRestored(image: ImageBitmap | null): void {
     const { gl } = this;
-    if (!picture) {
+    if (!image) {
       gl.deleteTexture(this.restored);
       this.restored = null;
       return;
@@ -114,8 +114,8 @@ export class Renderer {
     gl.activeTexture(gl.TEXTURE0);
     this.restored ??= this.texture(gl.LINEAR);
     gl.bindTexture(gl.TEXTURE_2D, this.restored);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
-    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.image);
   }
 
   /** Draw the view and resize the canvas to it: with fewer samples while it moves, and with the restored image right of a column. */
@@ -131,43 +131,46 @@ export class Renderer {
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
     this.gl.useProgram(this.program);
-    gl.uniform1i(this.place("is_rough"), +isRough);
+    gl.uniform1i(this.place("is_preview"), +isRough);
     this.drawParts(view, false);
     if (wipe === null || !this.restored) return;
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.restored);
     this.drawParts(view, false, Math.round(wipe * view.width));
-    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.image);
   }
 
   /** Draw the view of another image into the canvas at the positions of its parts. */
   add(
     view: View,
-    { camera, feed }: { camera: Camera; feed: { picture: Picture; width: number; height: number } },
+    {
+      camera,
+      feed,
+    }: { camera: Camera; feed: { image: PixelSource; width: number; height: number } },
     name: string,
   ): void {
     const { gl } = this;
-    const before = { camera: this.camera!, pictureSize: this.pictureSize };
+    const before = { camera: this.camera!, imageSize: this.imageSize };
     this.setCamera(camera);
-    this.pictureSize = [feed.width, feed.height];
+    this.imageSize = [feed.width, feed.height];
     gl.activeTexture(gl.TEXTURE0);
-    const kept = this.others.get(name) ?? { texture: this.texture(gl.LINEAR), picture: null };
-    gl.bindTexture(gl.TEXTURE_2D, kept.texture);
-    if (kept.picture !== feed.picture || feed.picture instanceof HTMLVideoElement)
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, feed.picture);
-    this.others.set(name, { texture: kept.texture, picture: feed.picture });
+    const entry = this.additional.get(name) ?? { texture: this.texture(gl.LINEAR), image: null };
+    gl.bindTexture(gl.TEXTURE_2D, entry.texture);
+    if (entry.image !== feed.image || feed.image instanceof HTMLVideoElement)
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, feed.image);
+    this.additional.set(name, { texture: entry.texture, image: feed.image });
     this.drawParts(view, false);
-    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.image);
     this.setCamera(before.camera);
-    this.pictureSize = before.pictureSize;
+    this.imageSize = before.imageSize;
   }
 
   /** Release the textures of all other images except the named ones. */
-  keepPictures(names: readonly string[]): void {
-    for (const [name, { texture }] of this.others)
+  retainImages(names: readonly string[]): void {
+    for (const [name, { texture }] of this.additional)
       if (!names.includes(name)) {
         this.gl.deleteTexture(texture);
-        this.others.delete(name);
+        this.additional.delete(name);
       }
   }
 
@@ -185,7 +188,7 @@ export class Renderer {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
     gl.viewport(0, 0, width, height);
     gl.disable(gl.SCISSOR_TEST);
-    gl.bindTexture(gl.TEXTURE_2D, this.textures.picture);
+    gl.bindTexture(gl.TEXTURE_2D, this.textures.image);
     this.drawParts(view, true);
     const values = new Float32Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.FLOAT, values);
@@ -204,7 +207,7 @@ export class Renderer {
   /** Draw the parts of a view right of a column. */
   private drawParts(view: View, wantsCoordinates: boolean, from = 0): void {
     const { gl, camera } = this;
-    if (!camera || !this.pictureSize[0]) return;
+    if (!camera || !this.imageSize[0]) return;
     gl.useProgram(this.program);
     this.describe(camera);
     gl.uniform1i(this.place("wants_coordinates"), +wantsCoordinates);
@@ -228,12 +231,12 @@ export class Renderer {
       false,
       [0, 1, 2].flatMap((column) => rows.map((row) => row[column])),
     );
-    gl.uniform2f(this.place("picture_size"), ...this.pictureSize);
+    gl.uniform2f(this.place("image_size"), ...this.imageSize);
     gl.uniform2f(this.place("ends"), tables.first, tables.last);
     gl.uniform2f(this.place("centre"), camera.circle.u, camera.circle.v);
     gl.uniform2f(this.place("own_centre"), centre_px[0], centre_px[1]);
     gl.uniform1f(this.place("scale"), camera.scale);
-    gl.uniform1f(this.place("eye"), tables.eye_mm);
+    gl.uniform1f(this.place("eye"), tables.viewpoint_mm);
     gl.uniform1i(this.place("has_origins"), +(tables.origins > 0));
     gl.uniform1i(this.place("has_starts"), +(tables.starts > 0));
     gl.uniform1i(this.place("has_lattice"), +(tables.lattice > 0));
@@ -271,14 +274,14 @@ export class Renderer {
     }
     this.places.clear();
     this.camera = this.restored = null;
-    this.others.clear();
+    this.additional.clear();
     gl.useProgram(this.program);
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     this.textures = {} as typeof this.textures;
     for (const [name, unit] of Object.entries(UNITS) as [keyof typeof UNITS, number][]) {
       gl.activeTexture(gl.TEXTURE0 + unit);
-      this.textures[name] = this.texture(name === "picture" ? gl.LINEAR : gl.NEAREST);
+      this.textures[name] = this.texture(name === "image" ? gl.LINEAR : gl.NEAREST);
       gl.uniform1i(this.place(name), unit);
     }
   }
@@ -286,13 +289,13 @@ export class Renderer {
   /** Create a texture in the active unit. */
   private texture(filter: number): WebGLTexture {
     const { gl } = this;
-    const made = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, made);
+    const texture_ = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture_);
     for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
       gl.texParameteri(gl.TEXTURE_2D, side, filter);
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T])
       gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
-    return made;
+    return texture_;
   }
 
   private upload(

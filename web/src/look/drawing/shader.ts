@@ -8,9 +8,9 @@ void main() {
   gl_Position = vec4(corner, 0.0, 1.0);
 }`;
 
-const CIRCULAR = `
+const COS_SIN = `
 // Sine and cosine in full float precision; those of GPUs can be off by 5e-4, 0.25 px at the rim.
-vec2 circular(float x) {
+vec2 cos_sin(float x) {
   float k = floor(x * 0.6366197723675814 + 0.5);
   float r = (x - k * 1.5707963705062866) + k * 4.371139e-8;
   float q = r * r;
@@ -30,7 +30,7 @@ vec3 target(vec2 p, out bool inside) {
   if (shape == 0) {
     float pan = numbers.x + ((p.x + 0.5) / size.x - 0.5) * numbers.y;
     float tilt = numbers.w - (p.y + 0.5) / size.y * (numbers.w - numbers.z);
-    vec2 around = circular(pan), up = circular(tilt);
+    vec2 around = cos_sin(pan), up = cos_sin(tilt);
     vec3 d = vec3(up.x * around.x, -up.x * around.y, up.y);
     return distance_mm > 0.0 ? d * (far / max(up.x, 1e-6)) : d;
   }
@@ -39,7 +39,7 @@ vec3 target(vec2 p, out bool inside) {
   float radius = length(q);
   if (shape == 2) {
     inside = radius <= numbers.y;
-    vec2 omega = circular(radius * numbers.x);
+    vec2 omega = cos_sin(radius * numbers.x);
     float sideways = radius > 0.0 ? omega.y / radius : numbers.x;
     return far * (axes * vec3(omega.x, sideways * q));
   }
@@ -62,7 +62,7 @@ vec4 weights(float t, float a) {
 
 const PROJECTION = `
 // As in omnimirror.dewarp._source_coordinates, over s = sin(Omega/2).
-vec2 halfAngle(float across, float along) {
+vec2 half_angle(float across, float along) {
   float len = max(length(vec2(across, along)), 1e-20);
   float more = sqrt((len + abs(along)) / (2.0 * len));
   float less = abs(across) / (2.0 * len * more);
@@ -85,26 +85,26 @@ void cell(float s, out vec3 value, out vec3 rate) {
 
 float solve(float across, float along) {
   vec3 value, rate;
-  float s = clamp(halfAngle(across, along - eye).x, ends.x, ends.y);
+  float s = clamp(half_angle(across, along - eye).x, ends.x, ends.y);
   for (int i = 0; i < 6; i++) {
     cell(s, value, rate);
     vec2 d = vec2(across, along) - value.yz;
-    vec2 half_ = halfAngle(d.x, d.y);
+    vec2 half_ = half_angle(d.x, d.y);
     float slope = 1.0 - 0.5 * half_.y * (d.x * rate.z - d.y * rate.y) / dot(d, d);
     s = clamp(s - (s - half_.x) / slope, 2.0 * ends.x - ends.y, 2.0 * ends.y - ends.x);
   }
   return s;
 }
 
-float limitAt(vec2 towards) {
+float limit_at(vec2 azimuth) {
   int n = textureSize(limits, 0).x;
-  float place = fract(atan(towards.y, towards.x) / 6.283185307179586 + 1.0) * float(n);
+  float place = fract(atan(azimuth.y, azimuth.x) / 6.283185307179586 + 1.0) * float(n);
   int i = int(place) % n;
   return mix(texelFetch(limits, ivec2(i, 0), 0).x, texelFetch(limits, ivec2((i + 1) % n, 0), 0).x, fract(place));
 }
 
-// Lattice node before a point of the disk, and the offset from it.
-vec2 among(sampler2D nodes, vec2 p, out ivec2 before) {
+// Lattice node before a point of the disc, and the offset from it.
+vec2 lattice_cell(sampler2D nodes, vec2 p, out ivec2 before) {
   int n = textureSize(nodes, 0).x;
   vec2 place = (p / ends.y + 1.0) / 2.0 * float(n - 1);
   before = ivec2(clamp(floor(place), 0.0, float(n - 2)));
@@ -112,18 +112,18 @@ vec2 among(sampler2D nodes, vec2 p, out ivec2 before) {
 }
 
 // Bilinear interpolation of the lattice.
-vec3 roughly(sampler2D nodes, vec2 p) {
+vec3 bilinear(sampler2D nodes, vec2 p) {
   ivec2 i;
-  vec2 f = among(nodes, p, i);
+  vec2 f = lattice_cell(nodes, p, i);
   vec3 low = mix(texelFetch(nodes, i, 0).xyz, texelFetch(nodes, i + ivec2(1, 0), 0).xyz, f.x);
   vec3 high = mix(texelFetch(nodes, i + ivec2(0, 1), 0).xyz, texelFetch(nodes, i + ivec2(1, 1), 0).xyz, f.x);
   return mix(low, high, f.y);
 }
 
 // Bicubic interpolation; bilinear errors reach 0.1 px near the rim.
-vec3 finely(sampler2D nodes, vec2 p) {
+vec3 bicubic(sampler2D nodes, vec2 p) {
   ivec2 i, last = textureSize(nodes, 0) - 1;
-  vec2 f = among(nodes, p, i);
+  vec2 f = lattice_cell(nodes, p, i);
   vec4 wx = weights(f.x, -0.5), wy = weights(f.y, -0.5);
   vec3 total = vec3(0.0);
   for (int j = 0; j < 4; j++)
@@ -133,54 +133,54 @@ vec3 finely(sampler2D nodes, vec2 p) {
 }
 
 // Azimuth and s of a vector (axis, right, down).
-float polar(vec3 t, out vec2 towards) {
+float polar(vec3 t, out vec2 azimuth) {
   float across = length(t.yz);
-  towards = across > 0.0 ? t.yz / across : vec2(1.0, 0.0);
-  return halfAngle(across, t.x).x;
+  azimuth = across > 0.0 ? t.yz / across : vec2(1.0, 0.0);
+  return half_angle(across, t.x).x;
 }
 
 const int FINE_STEPS = 4;
 
 // The same for a point, with the ray origin of a camera without rotational symmetry.
-float solveInSpace(vec3 t, out vec2 towards) {
-  towards = vec2(1.0, 0.0);
+float solve_without_symmetry(vec3 t, out vec2 azimuth) {
+  azimuth = vec2(1.0, 0.0);
   float s = 0.0;
-  for (int i = 0; i < ${STEPS_IN_SPACE}; i++) s = polar(t - roughly(starts, min(s, ends.y) * towards), towards);
-  for (int i = 0; i < FINE_STEPS; i++) s = polar(t - finely(starts, min(s, ends.y) * towards), towards);
+  for (int i = 0; i < ${STEPS_IN_SPACE}; i++) s = polar(t - bilinear(starts, min(s, ends.y) * azimuth), azimuth);
+  for (int i = 0; i < FINE_STEPS; i++) s = polar(t - bicubic(starts, min(s, ends.y) * azimuth), azimuth);
   return s;
 }
 
-vec2 project(vec3 world, out bool seen) {
+vec2 project(vec3 world, out bool visible) {
   vec3 t = frame * world;
-  vec2 towards;
-  float s = is_point && has_starts ? solveInSpace(t, towards) : polar(t, towards);
+  vec2 azimuth;
+  float s = is_point && has_starts ? solve_without_symmetry(t, azimuth) : polar(t, azimuth);
   if (is_point && has_origins) s = solve(length(t.yz), t.x);
   vec2 offset;
   if (has_lattice) {
-    float end = limitAt(towards);
-    seen = s <= end;
-    offset = finely(lattice, min(s, end + 2.0 * ends.y / float(textureSize(lattice, 0).x)) * towards).xy - own_centre;
+    float end = limit_at(azimuth);
+    visible = s <= end;
+    offset = bicubic(lattice, min(s, end + 2.0 * ends.y / float(textureSize(lattice, 0).x)) * azimuth).xy - own_centre;
   } else {
-    seen = s >= ends.x - 1e-6 && s <= ends.y + 1e-6;
+    visible = s >= ends.x - 1e-6 && s <= ends.y + 1e-6;
     vec3 value, rate;
     cell(s, value, rate);
-    offset = max(value.x, 0.0) * towards;
+    offset = max(value.x, 0.0) * azimuth;
   }
   vec2 pixel = centre + scale * offset;
-  seen = seen && all(greaterThanEqual(pixel, vec2(-0.5))) && all(lessThanEqual(pixel, picture_size - 0.5));
+  visible = visible && all(greaterThanEqual(pixel, vec2(-0.5))) && all(lessThanEqual(pixel, image_size - 0.5));
   return pixel;
 }`;
 
 const SAMPLING = `
 vec3 texel(ivec2 p) {
-  return texelFetch(picture, clamp(p, ivec2(0), ivec2(picture_size) - 1), 0).rgb;
+  return texelFetch(image, clamp(p, ivec2(0), ivec2(image_size) - 1), 0).rgb;
 }
 
-const float PICTURE = -0.75; // pixel convention of OpenCV and omnimirror
+const float KEYS_A = -0.75; // pixel convention of OpenCV and omnimirror
 
 vec3 cubic(vec2 p) {
   ivec2 i = ivec2(floor(p));
-  vec4 wx = weights(p.x - float(i.x), PICTURE), wy = weights(p.y - float(i.y), PICTURE);
+  vec4 wx = weights(p.x - float(i.x), KEYS_A), wy = weights(p.y - float(i.y), KEYS_A);
   vec3 total = vec3(0.0);
   for (int j = 0; j < 4; j++) {
     vec3 row = vec3(0.0);
@@ -192,19 +192,19 @@ vec3 cubic(vec2 p) {
 
 // As in omnimirror.dewarp.sampling: sides up to SHARP are reduced to zero, with a smooth transition above.
 const float SHARP = 1.2, SPACING = 1.5;
-const int MOST_TAPS = 16;
+const int MAX_TAPS = 16;
 
-float shortened(float side) {
+float sharpness_scale(float side) {
   return 1.0 - pow(SHARP / max(side, SHARP), 8.0);
 }
 
 int taps(float side) {
-  return side > SHARP ? int(clamp(ceil(side * shortened(side) / SPACING), 2.0, float(MOST_TAPS))) : 1;
+  return side > SHARP ? int(clamp(ceil(side * sharpness_scale(side) / SPACING), 2.0, float(MAX_TAPS))) : 1;
 }
 
 // Whether the field contains a point: for cameras with an axis, between two radii.
-bool holds(vec2 p) {
-  if (any(lessThan(p, vec2(-0.5))) || any(greaterThan(p, picture_size - 0.5))) return false;
+bool is_in_field(vec2 p) {
+  if (any(lessThan(p, vec2(-0.5))) || any(greaterThan(p, image_size - 0.5))) return false;
   if (has_lattice) return true;
   float r = length(p - centre) / scale;
   return r >= texelFetch(radii, ivec2(0), 0).x - 1e-3 && r <= texelFetch(radii, ivec2(textureSize(radii, 0).x - 1, 0), 0).x + 1e-3;
@@ -215,15 +215,15 @@ vec3 mean(vec2 p, vec2 right, vec2 down, bool rough) {
   float across = length(right), along = length(down);
   int n = taps(across), m = taps(along);
   if (n * m == 1) return cubic(p);
-  right *= shortened(across);
-  down *= shortened(along);
+  right *= sharpness_scale(across);
+  down *= sharpness_scale(along);
   vec3 total = vec3(0.0);
   float count = 0.0;
   for (int j = 0; j < m; j++)
     for (int k = 0; k < n; k++) {
       vec2 at = p + ((float(k) + 0.5) / float(n) - 0.5) * right + ((float(j) + 0.5) / float(m) - 0.5) * down;
-      if (!holds(at)) continue;
-      total += rough ? texture(picture, (at + 0.5) / picture_size).rgb : cubic(at);
+      if (!is_in_field(at)) continue;
+      total += rough ? texture(image, (at + 0.5) / image_size).rgb : cubic(at);
       count += 1.0;
     }
   return count > 0.0 ? total / count : cubic(p);
@@ -233,15 +233,15 @@ export const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
-uniform sampler2D picture, radii, lattice, limits, starts;
-uniform vec2 picture_size, size, corner, ends, centre, own_centre;
+uniform sampler2D image, radii, lattice, limits, starts;
+uniform vec2 image_size, size, corner, ends, centre, own_centre;
 uniform float scale, eye, distance_mm;
 uniform mat3 frame, axes;
 uniform vec4 numbers;
 uniform int shape;
-uniform bool is_point, has_origins, has_starts, has_lattice, wants_coordinates, is_rough;
+uniform bool is_point, has_origins, has_starts, has_lattice, wants_coordinates, is_preview;
 out vec4 colour;
-${CIRCULAR}
+${COS_SIN}
 ${TARGET}
 ${KERNEL}
 ${PROJECTION}
@@ -250,17 +250,17 @@ ${SAMPLING}
 void main() {
   vec2 p = gl_FragCoord.xy - corner;
   p = vec2(p.x - 0.5, size.y - p.y - 0.5);
-  bool inside, seen;
-  vec2 at = project(target(p, inside), seen);
+  bool inside, visible;
+  vec2 at = project(target(p, inside), visible);
   vec2 right = dFdx(at), down = -dFdy(at);
-  seen = seen && inside;
+  visible = visible && inside;
   if (wants_coordinates) {
-    colour = vec4(at, seen ? 1.0 : 0.0, 1.0);
+    colour = vec4(at, visible ? 1.0 : 0.0, 1.0);
     return;
   }
-  if (!seen) {
+  if (!visible) {
     colour = vec4(0.0);
     return;
   }
-  colour = vec4(mean(at, right, down, is_rough), 1.0);
+  colour = vec4(mean(at, right, down, is_preview), 1.0);
 }`;

@@ -3,7 +3,7 @@ import type { StreamState } from "../../shared/messages";
 import { background } from "../../shared/background";
 import { openedWebcam, release, started } from "../../shared/media";
 import { fileWord, shellWord } from "../../shared/shell";
-import type { Picture } from "../drawing/renderer";
+import type { PixelSource } from "../drawing/renderer";
 import type { Camera } from "../geometry/camera";
 
 /** Source of the view: an image, a video or a stream. */
@@ -11,7 +11,7 @@ export interface Feed {
   name: string;
   /** Name on the command line. */
   source: string;
-  picture: Picture;
+  image: PixelSource;
   width: number;
   height: number;
   /** Whether new frames can arrive. */
@@ -21,7 +21,7 @@ export interface Feed {
   /** Video that can be paused. */
   video?: HTMLVideoElement;
   /** File of a rendered image that is not stored yet. */
-  made?: Blob;
+  renderedFile?: Blob;
   /** Image file with EXIF data, for requests that use them. */
   file?: Blob;
   /** Device id of a webcam. */
@@ -30,7 +30,7 @@ export interface Feed {
 }
 
 /** Image and its camera. */
-export interface Seen {
+export interface CameraFeed {
   feed: Feed;
   camera: Camera;
 }
@@ -40,18 +40,20 @@ const RETRY_MS = 1500; // delay after a lost connection, ms
 const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
 
 /** Open an image file; the server converts formats that the browser does not support. */
-export async function pictureFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
+export async function imageFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
   let file = blob;
   const bitmap = await createImageBitmap(file, DECODING).catch(async () => {
     if (!hasServer)
-      throw new api.Refused(`${name} is not an image in a format that this browser supports.`);
+      throw new api.RequestRejected(
+        `${name} is not an image in a format that this browser supports.`,
+      );
     file = await api.convert(blob, name);
     return createImageBitmap(file, DECODING);
   });
   return {
     name,
     source: name,
-    picture: bitmap,
+    image: bitmap,
     width: bitmap.width,
     height: bitmap.height,
     moves: false,
@@ -86,7 +88,7 @@ export async function addressFeed(
     await started(video);
   } catch {
     release(video);
-    throw new api.Refused(
+    throw new api.RequestRejected(
       `${name} is not a video in a format that this browser supports. The server can play it: omnimirror view ${shellWord(fileWord(name))}`,
     );
   }
@@ -94,7 +96,7 @@ export async function addressFeed(
 }
 
 /** Open a webcam. */
-export async function webcamFeed(id: string, lost: (sentence: string) => void): Promise<Feed> {
+export async function webcamFeed(id: string, lost: (message: string) => void): Promise<Feed> {
   const { video, name, device } = await openedWebcam(id, lost);
   return { ...ofVideo(video, name), device };
 }
@@ -103,7 +105,7 @@ export async function webcamFeed(id: string, lost: (sentence: string) => void): 
 export function streamFeed(
   id: string,
   name: string,
-  told: (state: StreamState | null) => void,
+  onState: (state: StreamState | null) => void,
   signal: AbortSignal,
 ): Promise<Feed> {
   return new Promise((resolve, reject) => {
@@ -123,16 +125,16 @@ export function streamFeed(
       own.onopen = next;
       own.onclose = () => {
         if (closed) return;
-        if (last) return reject(new api.Refused(last));
-        told(null);
+        if (last) return reject(new api.RequestRejected(last));
+        onState(null);
         retry = setTimeout(connect, RETRY_MS);
       };
       own.onmessage = ({ data }: MessageEvent<string | Blob>) => {
         if (typeof data !== "string")
           return background(show(data).finally(() => requestAnimationFrame(next)));
         const state = JSON.parse(data) as StreamState;
-        if (state.state === "ended") last = state.sentence;
-        told(state);
+        if (state.state === "ended") last = state.message;
+        onState(state);
       };
     };
     const show = async (data: Blob): Promise<void> => {
@@ -140,13 +142,13 @@ export function streamFeed(
       if (closed) return bitmap?.close();
       if (!bitmap) {
         isSkipping = true;
-        const sentence = `Frames of ${name} cannot be decoded and are skipped.`;
-        return told({ state: "lost", sentence });
+        const message = `Frames of ${name} cannot be decoded and are skipped.`;
+        return onState({ state: "lost", message });
       }
-      if (isSkipping) told({ state: "playing", sentence: "" });
+      if (isSkipping) onState({ state: "playing", message: "" });
       isSkipping = false;
-      if (feed) (feed.picture as ImageBitmap).close();
-      const shown = { picture: bitmap, width: bitmap.width, height: bitmap.height };
+      if (feed) (feed.image as ImageBitmap).close();
+      const shown = { image: bitmap, width: bitmap.width, height: bitmap.height };
       if (feed) Object.assign(feed, shown);
       else {
         const next = (then: () => void): void => {
@@ -162,7 +164,7 @@ export function streamFeed(
       closed = true;
       clearTimeout(retry);
       socket.close();
-      if (feed) (feed.picture as ImageBitmap).close();
+      if (feed) (feed.image as ImageBitmap).close();
     };
     const giveUp = (): void => {
       close();
@@ -179,19 +181,19 @@ const cancelled = (): DOMException => new DOMException("Another source was opene
 /** Return the current frame as a file with a maximum size, and the scale factor from it to the feed. */
 export async function fileOf(
   feed: Feed,
-  longest = Infinity,
-): Promise<{ picture: Blob; scale: number }> {
-  const scale = Math.max(1, Math.max(feed.width, feed.height) / longest);
+  maxSide = Infinity,
+): Promise<{ image: Blob; scale: number }> {
+  const scale = Math.max(1, Math.max(feed.width, feed.height) / maxSide);
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [feed.width, feed.height].map((side) =>
     Math.max(1, Math.round(side / scale)),
   );
   const context = canvas.getContext("2d")!;
   context.imageSmoothingQuality = "high";
-  context.drawImage(feed.picture, 0, 0, canvas.width, canvas.height);
-  const picture = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
-  if (!picture) throw new Error("The browser could not copy the image.");
-  return { picture, scale };
+  context.drawImage(feed.image, 0, 0, canvas.width, canvas.height);
+  const image = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve, "image/png"));
+  if (!image) throw new Error("The browser could not copy the image.");
+  return { image, scale };
 }
 
 function ofVideo(video: HTMLVideoElement, name: string, after = (): void => {}): Feed {
@@ -206,7 +208,7 @@ function ofVideo(video: HTMLVideoElement, name: string, after = (): void => {}):
   return {
     name,
     source: name,
-    picture: video,
+    image: video,
     width: video.videoWidth,
     height: video.videoHeight,
     moves: true,

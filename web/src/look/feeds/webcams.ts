@@ -12,7 +12,7 @@ export class Webcams {
   }
 
   /** Open a webcam, or the default one, and list all. */
-  async open(id: string, lost: (sentence: string) => void): Promise<Feed> {
+  async open(id: string, lost: (message: string) => void): Promise<Feed> {
     const feed = await webcamFeed(id, lost);
     const cameras = await videoInputs();
     const option = (d: MediaDeviceInfo, i: number): HTMLOptionElement =>

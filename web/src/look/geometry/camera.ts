@@ -1,6 +1,6 @@
 import type { CameraInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
-import { type Lean, releaned } from "./lean";
+import { type Tilt, retilted } from "./tilt";
 import { dot, type Pixel, sum, times, type Vec3 } from "./vectors";
 
 /** Image circle: centre and radius, px. */
@@ -33,11 +33,11 @@ export class Camera {
   }
 
   /** Return the camera with another tilt. */
-  leaning(to: Lean): Camera {
+  tilted(to: Tilt): Camera {
     const { mount, axis, right, down } = this.model;
     const from = { pitch: mount.pitch_deg, roll: mount.roll_deg };
     const [a, r, d] = [axis, right, down].map(
-      (v) => [...releaned(v as Vec3, from, to)] as [number, number, number],
+      (v) => [...retilted(v as Vec3, from, to)] as [number, number, number],
     );
     const stands = { ...mount, pitch_deg: to.pitch, roll_deg: to.roll };
     return new Camera(
@@ -61,25 +61,29 @@ export class Camera {
   }
 
   /** Project a direction, or a point in mm; beyond the field, return the boundary with `seen` false. */
-  project(target: Vec3, isPoint = false): { pixel: Pixel; seen: boolean } {
+  project(target: Vec3, isPoint = false): { pixel: Pixel; visible: boolean } {
     const t = this.model.tables;
     const [s, cos, sin] = this.place(target, isPoint);
     const end = t.lattice ? this.limit(Math.atan2(sin, cos)) : t.last;
     const inside = clamp(s, t.first, end);
     const pixel = this.pixelAt(inside * cos, inside * sin);
     const [w, h] = this.size;
-    const inPicture =
+    const isInImage =
       pixel[0] >= -0.5 && pixel[1] >= -0.5 && pixel[0] <= w - 0.5 && pixel[1] <= h - 0.5;
-    return { pixel, seen: s >= t.first - 1e-6 && s <= end + 1e-6 && inPicture };
+    return { pixel, visible: s >= t.first - 1e-6 && s <= end + 1e-6 && isInImage };
   }
 
   /** Return sin(Omega/2) of a target, and cosine and sine of its azimuth. */
   private place(target: Vec3, isPoint: boolean): Vec3 {
     const { axis, right, down, tables: t } = this.model;
-    const seen: Vec3 = [dot(target, axis), dot(target, right), dot(target, down)];
-    if (isPoint && t.starts) return this.solveInSpace(seen);
-    const [s, cos, sin] = polar(seen);
-    return [isPoint && t.origins ? this.solve(Math.hypot(seen[1], seen[2]), seen[0]) : s, cos, sin];
+    const visible: Vec3 = [dot(target, axis), dot(target, right), dot(target, down)];
+    if (isPoint && t.starts) return this.solveInSpace(visible);
+    const [s, cos, sin] = polar(visible);
+    return [
+      isPoint && t.origins ? this.solve(Math.hypot(visible[1], visible[2]), visible[0]) : s,
+      cos,
+      sin,
+    ];
   }
 
   /** Back-project a pixel to a direction; null outside the field. */
@@ -112,7 +116,7 @@ export class Camera {
     );
   }
 
-  /** Return the pixel of a point of the disk sin(Omega/2) (cos, sin). */
+  /** Return the pixel of a point of the disc sin(Omega/2) (cos, sin). */
   private pixelAt(x: number, y: number): Pixel {
     const own = circleOf(this.model);
     let du: number, dv: number;
@@ -142,7 +146,7 @@ export class Camera {
     return [at(0), at(1)];
   }
 
-  /** Interpolate component k of an n x n lattice at a point of the disk. */
+  /** Interpolate component k of an n x n lattice at a point of the disc. */
   private between(
     from: number,
     n: number,
@@ -177,7 +181,7 @@ export class Camera {
   private solve(across: number, along: number): number {
     const t = this.model.tables;
     const step = (t.last - t.first) / (t.radii - 1);
-    let s = clamp(halfSine(across, along - t.eye_mm), t.first, t.last);
+    let s = clamp(halfSine(across, along - t.viewpoint_mm), t.first, t.last);
     for (let i = 0; i < NEWTON_STEPS; i++) {
       const low = clamp(s, t.first, t.last - step);
       const [x, z] = [this.column(1, s), this.column(2, s)];
@@ -193,9 +197,9 @@ export class Camera {
   /** Return sin(Omega/2) and azimuth of a point without rotational symmetry, by fixed-point iteration of the ray origin. */
   private solveInSpace([along, right, down]: Vec3): Vec3 {
     const { last, lattice, limits, starts } = this.model.tables;
-    let found: Vec3 = [0, 1, 0];
+    let estimate: Vec3 = [0, 1, 0];
     for (let i = 0; i < STEPS_IN_SPACE; i++) {
-      const [s, cos, sin] = found;
+      const [s, cos, sin] = estimate;
       const inside = Math.min(s, last);
       const start = this.between(
         2 * lattice * lattice + limits,
@@ -204,9 +208,9 @@ export class Camera {
         inside * cos,
         inside * sin,
       );
-      found = polar([along - start(0), right - start(1), down - start(2)]);
+      estimate = polar([along - start(0), right - start(1), down - start(2)]);
     }
-    return found;
+    return estimate;
   }
 }
 

@@ -1,6 +1,6 @@
 import type { CameraRequest, CameraInfo, MountInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
-import { releaned, turned } from "./lean";
+import { retilted, turned } from "./tilt";
 import { RAD, type Vec3 } from "./vectors";
 
 /** Axis opposite to the viewing direction of the camera; positive rotation is clockwise in its image. */
@@ -11,34 +11,34 @@ const BEHIND: Record<MountInfo["camera_looks"], Vec3> = {
 };
 
 /** Return the camera with the requested mount: select the orientation, then rotate and tilt it. */
-export function standing(
+export function upright(
   plumb: readonly CameraInfo[],
   own: MountInfo,
-  asked: CameraRequest,
+  request: CameraRequest,
 ): CameraInfo {
   const mount = { ...own };
   for (const key of Object.keys(own) as (keyof MountInfo)[])
-    Object.assign(mount, asked[key] == null ? {} : { [key]: asked[key] });
-  const found = plumb.find(
+    Object.assign(mount, request[key] == null ? {} : { [key]: request[key] });
+  const result = plumb.find(
     ({ mount: m }) =>
       m.camera_looks === mount.camera_looks && m.image_flipped === mount.image_flipped,
   )!;
-  const angle = (mount.forward_azimuth_deg - found.mount.forward_azimuth_deg) * RAD;
+  const angle = (mount.forward_azimuth_deg - result.mount.forward_azimuth_deg) * RAD;
   const from = { pitch: 0, roll: 0 };
   const to = { pitch: mount.pitch_deg, roll: mount.roll_deg };
   const put = (v: readonly number[]): [number, number, number] => [
-    ...releaned(turned(v as Vec3, BEHIND[mount.camera_looks], angle), from, to),
+    ...retilted(turned(v as Vec3, BEHIND[mount.camera_looks], angle), from, to),
   ];
-  const [axis, right, down] = [found.axis, found.right, found.down].map(put);
+  const [axis, right, down] = [result.axis, result.right, result.down].map(put);
   const leans = mount.pitch_deg !== 0 || mount.roll_deg !== 0;
   return {
-    ...found,
+    ...result,
     mount,
     mount_in_file: own,
     axis,
     right,
     down,
-    ...(leans && fieldOf(axis, found)),
+    ...(leans && fieldOf(axis, result)),
   };
 }
 

@@ -26,7 +26,7 @@ export interface View {
   parts: Part[];
 }
 
-const WIDEST_PLANET_DEG = 270;
+const MAX_PLANET_DEG = 270;
 const PLAN_HEIGHTS = 4;
 const MOSAIC_VIEWS = 4;
 
@@ -68,9 +68,9 @@ export function domeEnd(s: State, camera: Camera): number {
 
 /** Return the horizontal angle of a little planet, degrees; its longer side contains the complete field. */
 export function planetWidth(s: State, camera: Camera, aspect: number): number {
-  const widest = Math.min(2 * poleEnd(camera), WIDEST_PLANET_DEG);
+  const maxValue = Math.min(2 * poleEnd(camera), MAX_PLANET_DEG);
   return rounded4(
-    (4 * Math.atan((Math.tan((widest * RAD) / 4) / s.zoom) * Math.min(1, aspect))) / RAD,
+    (4 * Math.atan((Math.tan((maxValue * RAD) / 4) / s.zoom) * Math.min(1, aspect))) / RAD,
   );
 }
 

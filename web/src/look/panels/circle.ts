@@ -3,7 +3,7 @@ import type { Feed } from "../feeds/feed";
 import type { Camera, Circle } from "../geometry/camera";
 import type { Pixel } from "../geometry/vectors";
 import { type Part, SHAPES, targetAt, type View } from "../geometry/views";
-import { Loupe } from "./loupe";
+import { Magnifier } from "./magnifier";
 
 const PER_SIDE = 48;
 const HANDLE = 7; // px on the screen
@@ -20,10 +20,10 @@ export class CirclePane {
   private readonly raw = byId<HTMLCanvasElement>("raw");
   private readonly overlay = byId<SVGSVGElement>("overlay");
   private readonly place = byId("circle");
-  private readonly loupe = new Loupe(this.place);
+  private readonly magnifier = new Magnifier(this.place);
   private camera: Camera | null = null;
   private feed: Feed | null = null;
-  private held: Handle | null = null;
+  private activeHandle: Handle | null = null;
   private readonly handles: Record<Handle, SVGElement> = {
     centre: handle("Centre of the circle"),
     radius: handle("Edge of the circle"),
@@ -39,13 +39,13 @@ export class CirclePane {
     this.overlay.addEventListener("pointerdown", (e) => this.grab(e));
     this.overlay.addEventListener("pointermove", (e) => this.move(e));
     for (const end of ["pointerup", "pointercancel"] as const)
-      this.overlay.addEventListener(end, () => this.letGo());
+      this.overlay.addEventListener(end, () => this.release());
     for (const which of ["centre", "radius"] as const)
       this.handles[which].addEventListener("keydown", (e) => this.key(e, which));
     this.overlay.append(this.drawn);
   }
 
-  drawPicture(feed: Feed): void {
+  drawImage(feed: Feed): void {
     this.feed = feed;
     const box = this.place.getBoundingClientRect();
     const scale =
@@ -57,7 +57,7 @@ export class CirclePane {
     this.raw.style.objectFit = "contain";
     const context = this.raw.getContext("2d")!;
     context.imageSmoothingQuality = "high";
-    context.drawImage(feed.picture, 0, 0, w, h);
+    context.drawImage(feed.image, 0, 0, w, h);
     const viewBox = `-0.5 -0.5 ${feed.width} ${feed.height}`;
     if (this.overlay.getAttribute("viewBox") !== viewBox)
       this.overlay.setAttribute("viewBox", viewBox);
@@ -65,7 +65,7 @@ export class CirclePane {
 
   clear(): void {
     this.feed = null;
-    this.letGo();
+    this.release();
     this.raw.width = 0;
     this.drawn.replaceChildren();
     for (const each of Object.values(this.handles)) each.remove();
@@ -156,20 +156,20 @@ export class CirclePane {
     const [u, v] = this.pixelOf(e);
     const { u: cu, v: cv, radius } = this.camera.circle;
     const near = 24 * this.unit;
-    const away = Math.hypot(u - cu, v - cv);
-    if (Math.abs(away - radius) < near) this.held = "radius";
-    else if (away < near) this.held = "centre";
-    if (!this.held) return;
+    const onAvailability = Math.hypot(u - cu, v - cv);
+    if (Math.abs(onAvailability - radius) < near) this.activeHandle = "radius";
+    else if (onAvailability < near) this.activeHandle = "centre";
+    if (!this.activeHandle) return;
     this.overlay.setPointerCapture(e.pointerId);
     this.enlarge([u, v], this.camera.circle);
   }
 
   private move(e: PointerEvent): void {
-    if (!this.held || !this.camera) return;
+    if (!this.activeHandle || !this.camera) return;
     const [u, v] = this.pixelOf(e);
     const { u: cu, v: cv, radius } = this.camera.circle;
     const circle =
-      this.held === "centre"
+      this.activeHandle === "centre"
         ? { u, v, radius }
         : { u: cu, v: cv, radius: Math.max(4, Math.hypot(u - cu, v - cv)) };
     this.fitted(circle);
@@ -177,12 +177,12 @@ export class CirclePane {
   }
 
   private enlarge(at: Pixel, circle: Circle): void {
-    if (this.feed) this.loupe.show(this.feed, at, circle, this.unit);
+    if (this.feed) this.magnifier.show(this.feed, at, circle, this.unit);
   }
 
-  private letGo(): void {
-    this.held = null;
-    this.loupe.hide();
+  private release(): void {
+    this.activeHandle = null;
+    this.magnifier.hide();
   }
 }
 
@@ -199,8 +199,8 @@ function handle(name: string): SVGElement {
 
 function seenAt(camera: Camera, part: Part, u: number, v: number): Pixel | null {
   const target = targetAt(part, u, v);
-  const found = target && camera.project(target, part.isPoint);
-  return found?.seen ? found.pixel : null;
+  const projection = target && camera.project(target, part.isPoint);
+  return projection?.visible ? projection.pixel : null;
 }
 
 /** Return the outline of a part of the view in the image, which follows the field boundary outside the field. */

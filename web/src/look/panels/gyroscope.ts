@@ -3,7 +3,7 @@ import { allow, byId } from "../../shared/dom";
 import { say } from "../../shared/notices";
 import { wrapped } from "../../shared/numbers";
 import type { Store } from "../../shared/store";
-import { aimOf, type Orientation } from "../geometry/turning";
+import { aimOf, type Orientation } from "../geometry/device_orientation";
 
 const WAIT_MS = 1500; // timeout for the first orientation event
 const STEEP_DEG = 80; // pitch limit for pan: the heading of a horizontal device is undefined
@@ -20,7 +20,7 @@ export class GyroscopePanel {
   private readonly button = byId<HTMLButtonElement>("gyroscope");
   private last: number | null = null;
   private waiting = 0;
-  private readonly told = (e: DeviceOrientationEvent): void => this.follow(e);
+  private readonly onOrientation = (e: DeviceOrientationEvent): void => this.follow(e);
 
   constructor(private readonly store: Store) {
     this.button.hidden = !matchMedia("(any-pointer: coarse)").matches;
@@ -42,14 +42,14 @@ export class GyroscopePanel {
     if (answer !== "granted") return say(REFUSED);
     this.button.setAttribute("aria-pressed", "true");
     this.last = null;
-    addEventListener("deviceorientation", this.told);
+    addEventListener("deviceorientation", this.onOrientation);
     clearTimeout(this.waiting);
     this.waiting = window.setTimeout(() => this.give(), WAIT_MS);
   }
 
   private stop(): void {
     clearTimeout(this.waiting);
-    removeEventListener("deviceorientation", this.told);
+    removeEventListener("deviceorientation", this.onOrientation);
     this.button.setAttribute("aria-pressed", "false");
   }
 

@@ -7,7 +7,7 @@ import type { State } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
-import { raised } from "../geometry/lean";
+import { raised } from "../geometry/tilt";
 import { panTiltOf, RAD, type Vec3 } from "../geometry/vectors";
 import { elevations } from "../geometry/views";
 import type { Place } from "../stage";
@@ -20,7 +20,7 @@ export class LevelPanel {
   private readonly button = byId<HTMLButtonElement>("level");
   private readonly line = byId("horizon");
   private readonly finder = byId<HTMLButtonElement>("find-level");
-  private seen: { camera: Camera; feed: Feed } | null = null;
+  private current: { camera: Camera; feed: Feed } | null = null;
 
   constructor(
     private readonly store: Store,
@@ -41,7 +41,7 @@ export class LevelPanel {
 
   /** Set the current image and camera. */
   follow(camera: Camera, feed: Feed): void {
-    this.seen = { camera, feed };
+    this.current = { camera, feed };
     const isKnown =
       camera.model.kind === "ball" ||
       (camera.model.kind === "sensor" && !camera.model.tables.lattice);
@@ -54,28 +54,28 @@ export class LevelPanel {
   }
 
   /** Estimate the tilt from vertical edges; automatic calls apply reliable results only. */
-  async find(isAsked = true): Promise<void> {
-    if (!this.seen) return say("Open an image first.");
-    const { camera, feed } = this.seen;
+  async find(isRequested = true): Promise<void> {
+    if (!this.current) return say("Open an image first.");
+    const { camera, feed } = this.current;
     busy("Detecting vertical edges…");
     try {
-      const { picture, scale } = await fileOf(feed, LOOKED_AT);
-      const found = await api.level(askOf(camera, feed.name, scale), picture);
-      if (feed !== this.seen?.feed) return;
-      const isSure = found && (isAsked || found.is_sure);
-      if (!found || !isSure)
-        return isAsked
+      const { image, scale } = await fileOf(feed, LOOKED_AT);
+      const result = await api.level(askOf(camera, feed.name, scale), image);
+      if (feed !== this.current?.feed) return;
+      const isSure = result && (isRequested || result.is_reliable);
+      if (!result || !isSure)
+        return isRequested
           ? say("The image has too few vertical edges; drag the horizon instead.")
           : undefined;
       await this.sensor().want({
-        pitch: +found.pitch_deg.toFixed(2),
-        roll: +found.roll_deg.toFixed(2),
+        pitch: +result.pitch_deg.toFixed(2),
+        roll: +result.roll_deg.toFixed(2),
       });
       say(
-        `Pitch ${fixed(found.pitch_deg, 1)}°, roll ${fixed(found.roll_deg, 1)}°, standard error ${fixed(Math.max(found.sigma_deg, 0.1), 1)}°, from ${found.upright} vertical edges`,
+        `Pitch ${fixed(result.pitch_deg, 1)}°, roll ${fixed(result.roll_deg, 1)}°, standard error ${fixed(Math.max(result.sigma_deg, 0.1), 1)}°, from ${result.vertical_edges} vertical edges`,
       );
     } catch (e) {
-      if (isAsked) fail(e);
+      if (isRequested) fail(e);
     } finally {
       busy(null);
     }
@@ -95,7 +95,7 @@ export class LevelPanel {
     const mount = this.sensor().camera?.model.mount;
     if (!mount) return;
     const [{ pan, tilt }, after] = [panTiltOf(from), panTiltOf(to)];
-    this.sensor().lean(
+    this.sensor().tilt(
       raised({ pitch: mount.pitch_deg, roll: mount.roll_deg }, pan, after.tilt - tilt),
     );
   }

@@ -15,7 +15,7 @@ export class RimPanel {
   private readonly button = byId<HTMLButtonElement>("adjust");
   private readonly finder = byId<HTMLButtonElement>("find-rim");
   private feed: Feed | null = null;
-  private readonly found = new WeakMap<Feed, DetectedOutline>();
+  private readonly result = new WeakMap<Feed, DetectedOutline>();
   private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) =>
     byId<HTMLInputElement>(id),
   );
@@ -49,12 +49,12 @@ export class RimPanel {
     this.finder.disabled = true;
     busy("Detecting the mirror…");
     try {
-      const found = (!feed.moves && this.found.get(feed)) || (await lookedAt(feed));
-      this.found.set(feed, found);
+      const result = (!feed.moves && this.result.get(feed)) || (await lookedAt(feed));
+      this.result.set(feed, result);
       if (feed !== this.feed) return null;
-      const [u, v] = found.centre_px;
-      if (found.is_sure) this.set({ u, v, radius: found.radius_px });
-      return found;
+      const [u, v] = result.centre_px;
+      if (result.is_reliable) this.set({ u, v, radius: result.radius_px });
+      return result;
     } catch (e) {
       fail(e);
       return null;
@@ -66,11 +66,11 @@ export class RimPanel {
 
   private async findHere(): Promise<void> {
     if (!this.feed) return say("Open an image first.");
-    const found = await this.find(this.feed);
-    if (found)
+    const result = await this.find(this.feed);
+    if (result)
       say(
-        found.is_sure
-          ? `Circle detected; confidence ${percent(found.confidence)}`
+        result.is_reliable
+          ? `Circle detected; confidence ${percent(result.confidence)}`
           : "No reliable mirror outline was detected. Fit the circle manually.",
       );
   }
@@ -78,17 +78,17 @@ export class RimPanel {
   /** Return the origin of the circle as text. */
   words(feed: Feed): string {
     const { rim } = this.store.state;
-    const found = this.found.get(feed);
+    const result = this.result.get(feed);
     const isFound =
-      found?.is_sure &&
+      result?.is_reliable &&
       rim &&
       Math.hypot(
-        rim[0] - found.centre_px[0],
-        rim[1] - found.centre_px[1],
-        rim[2] - found.radius_px,
+        rim[0] - result.centre_px[0],
+        rim[1] - result.centre_px[1],
+        rim[2] - result.radius_px,
       ) < 0.1;
     return isFound
-      ? `. Mirror detected automatically, confidence ${percent(found.confidence)}`
+      ? `. Mirror detected automatically, confidence ${percent(result.confidence)}`
       : "";
   }
 
@@ -123,10 +123,10 @@ export class RimPanel {
 
 /** Detect the mirror in the current frame, in pixels of the feed. */
 async function lookedAt(feed: Feed): Promise<DetectedOutline> {
-  const { picture, scale } = await fileOf(feed, LOOKED_AT);
-  const found = await api.rim(picture, feed.name);
-  const [u, v] = found.centre_px.map((c) => (c + 0.5) * scale - 0.5);
-  return { ...found, centre_px: [u, v], radius_px: found.radius_px * scale };
+  const { image, scale } = await fileOf(feed, LOOKED_AT);
+  const result = await api.rim(image, feed.name);
+  const [u, v] = result.centre_px.map((c) => (c + 0.5) * scale - 0.5);
+  return { ...result, centre_px: [u, v], radius_px: result.radius_px * scale };
 }
 
 export const percent = (share: number): string => `${Math.floor(100 * share)} %`;

@@ -4,22 +4,22 @@ import { byId, choices } from "../../shared/dom";
 import { checkReadable } from "../../shared/media";
 import type { SensorEntry } from "../../shared/messages";
 import { banner, busy, fail, say } from "../../shared/notices";
-import { INITIAL, type Looks, type State } from "../../shared/state";
+import { INITIAL, type CameraOrientation, type State } from "../../shared/state";
 import type { Store } from "../../shared/store";
-import { keep, kept, type Kept } from "../feeds/kept";
+import { keep, stored, type Stored } from "../feeds/image_storage";
 import { Camera } from "../geometry/camera";
-import type { Lean } from "../geometry/lean";
-import * as supply from "../supply";
+import type { Tilt } from "../geometry/tilt";
+import * as supply from "../data_source";
 
 /** Part of the state that determines the camera and its mount. */
 type Chosen = Pick<State, (typeof CHOSEN)[number]>;
 
 /** Interface of the page for the panel. */
-interface Hands {
+interface Callbacks {
   /** Called when the camera changes. */
   changed: () => void;
   /** Prepare other data of a new sensor; returns a function that displays them, or null. */
-  prepare: (wanted: State) => Promise<(() => void) | null>;
+  prepare: (requested: State) => Promise<(() => void) | null>;
 }
 
 const MAX_CACHED = 16; // number of cached cameras; several MB each without rotational symmetry
@@ -27,27 +27,27 @@ const MAX_CACHED = 16; // number of cached cameras; several MB each without rota
 /** Selection and mount of a sensor, and its calibration file. */
 export class SensorPanel {
   private readonly select = byId<HTMLSelectElement>("sensor");
-  private readonly showLooks: (looks: Looks) => void;
+  private readonly showLooks: (looks: CameraOrientation) => void;
   private readonly showOptics: (optics: Optics) => void;
   private readonly had = new Map<string, Camera>();
-  private asked = 0;
+  private request = 0;
   private chosen: Chosen | null = null;
   camera: Camera | null = null;
   /** Camera as loaded from the server; the displayed one can have another tilt while the horizon is dragged. */
-  private fetched: Camera | null = null;
+  private loadedCamera: Camera | null = null;
   /** File of a sensor that was created by the page. */
-  made: Kept | null = null;
+  createdFile: Stored | null = null;
 
   constructor(
     private readonly store: Store,
-    private readonly hands: Hands,
+    private readonly callbacks: Callbacks,
   ) {
     const looks = [
       ["up", "up"],
       ["down", "down"],
       ["forward", "forward"],
     ] as const;
-    this.showLooks = choices<Looks>(byId("looks"), "looks", looks, (value) =>
+    this.showLooks = choices<CameraOrientation>(byId("looks"), "looks", looks, (value) =>
       background(this.want({ looks: value, pitch: null, roll: null })),
     ); // tilt depends on the orientation
     const optics = [
@@ -92,7 +92,7 @@ export class SensorPanel {
   }
 
   /** Select a sensor with the mount of its file or another orientation, keeping the detected circle. */
-  async choose(sensor: string, rim: State["rim"], looks: Looks): Promise<void> {
+  async choose(sensor: string, rim: State["rim"], looks: CameraOrientation): Promise<void> {
     await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // through the mirror, a forward-looking camera images the scene behind it
   }
 
@@ -116,36 +116,39 @@ export class SensorPanel {
 
   /** Reload the file with a given type of optics, which OCamCalib files do not contain. */
   private async loadAgain(optics: Optics): Promise<void> {
-    const file = await kept(this.store.state.sensor);
+    const file = await stored(this.store.state.sensor);
     if (file) await this.load(file.blob, file.name, optics);
   }
 
   /** Select another sensor or mount; name, view and address change together when all data are loaded. */
-  async want(change: Partial<State> = {}, turns = true): Promise<boolean> {
-    const wanted = { ...this.store.state, ...change };
-    const number = ++this.asked;
-    if (this.fetched && this.chosen && isSame(wanted, this.chosen)) {
-      if (this.camera !== this.fetched) this.take(this.fetched);
+  async want(change: Partial<State> = {}, addsHistory = true): Promise<boolean> {
+    const requested = { ...this.store.state, ...change };
+    const number = ++this.request;
+    if (this.loadedCamera && this.chosen && isSame(requested, this.chosen)) {
+      if (this.camera !== this.loadedCamera) this.take(this.loadedCamera);
       busy(null);
-      this.store.set(change, turns);
+      this.store.set(change, addsHistory);
       return true;
     }
     if (this.camera) this.show(this.camera); // until then, controls describe the displayed camera
     busy("Loading the sensor…");
     try {
-      const [camera, show] = await Promise.all([this.fetch(wanted), this.hands.prepare(wanted)]);
-      if (number !== this.asked) return false;
-      this.chosen = Object.fromEntries(CHOSEN.map((key) => [key, wanted[key]])) as Chosen;
-      const file = await kept(wanted.sensor);
-      this.made = file?.isMade ? file : null;
+      const [camera, show] = await Promise.all([
+        this.fetch(requested),
+        this.callbacks.prepare(requested),
+      ]);
+      if (number !== this.request) return false;
+      this.chosen = Object.fromEntries(CHOSEN.map((key) => [key, requested[key]])) as Chosen;
+      const file = await stored(requested.sensor);
+      this.createdFile = file?.isMade ? file : null;
       show?.();
       this.take(camera);
       busy(null);
       banner(null, "sensor");
-      this.store.set(change, turns);
+      this.store.set(change, addsHistory);
       return true;
     } catch (e) {
-      if (number === this.asked) await this.stay(e, wanted.sensor);
+      if (number === this.request) await this.stay(e, requested.sensor);
       return false;
     }
   }
@@ -153,11 +156,11 @@ export class SensorPanel {
   /** Keep the current sensor after a failure; without one, select the default. */
   private async stay(e: unknown, sensor: string): Promise<void> {
     fail(e, "sensor");
-    if (this.chosen && this.fetched) {
-      this.take(this.fetched);
+    if (this.chosen && this.loadedCamera) {
+      this.take(this.loadedCamera);
       this.store.set(this.chosen, false);
     } else if (
-      e instanceof api.Refused &&
+      e instanceof api.RequestRejected &&
       sensor !== INITIAL.sensor &&
       (await this.want({ sensor: INITIAL.sensor, ...AS_IN_FILE }, false))
     )
@@ -165,9 +168,9 @@ export class SensorPanel {
   }
 
   /** Return the camera of a state from the cache, or load it from the server. */
-  async fetch(wanted: Chosen): Promise<Camera> {
-    const name = JSON.stringify(CHOSEN.map((key) => wanted[key]));
-    const camera = this.had.get(name) ?? (await this.fetchAnew(wanted));
+  async fetch(requested: Chosen): Promise<Camera> {
+    const name = JSON.stringify(CHOSEN.map((key) => requested[key]));
+    const camera = this.had.get(name) ?? (await this.fetchAnew(requested));
     this.had.delete(name);
     this.had.set(name, camera); // most recently used last
     if (this.had.size > MAX_CACHED) this.had.delete(this.had.keys().next().value!);
@@ -182,7 +185,7 @@ export class SensorPanel {
     pitch,
     roll,
   }: Chosen): Promise<Camera> {
-    const asked = {
+    const request = {
       id: sensor,
       camera_looks: looks,
       forward_azimuth_deg: forward,
@@ -190,32 +193,32 @@ export class SensorPanel {
       pitch_deg: pitch,
       roll_deg: roll,
     };
-    const { model, tables } = await supply.camera(asked).catch(async (e: unknown) => {
-      const file = await kept(sensor);
-      if (!(e instanceof api.Refused) || supply.alone) throw e;
-      if (!file) throw sensor.startsWith("file:") ? new api.Refused(ELSEWHERE) : e;
+    const { model, tables } = await supply.camera(request).catch(async (e: unknown) => {
+      const file = await stored(sensor);
+      if (!(e instanceof api.RequestRejected) || supply.alone) throw e;
+      if (!file) throw sensor.startsWith("file:") ? new api.RequestRejected(ELSEWHERE) : e;
       await api.loadSensor(file.blob, file.name, file.optics); // the server was restarted
-      return api.camera(asked);
+      return api.camera(request);
     });
     return new Camera(model, tables);
   }
 
   take(camera: Camera): void {
-    this.camera = this.fetched = camera;
+    this.camera = this.loadedCamera = camera;
     this.show(camera);
-    this.hands.changed();
+    this.callbacks.changed();
   }
 
   /** Set another tilt temporarily, while the horizon is dragged. */
-  lean(to: Lean): void {
+  tilt(to: Tilt): void {
     if (!this.camera) return;
-    this.camera = this.camera.leaning(to);
+    this.camera = this.camera.tilted(to);
     this.show(this.camera);
-    this.hands.changed();
+    this.callbacks.changed();
   }
 
   /** Load the camera with the current tilt. */
-  settleLean(): void {
+  settleTilt(): void {
     const mount = this.camera?.model.mount;
     if (mount)
       background(
@@ -264,7 +267,7 @@ export class SensorPanel {
   }
 }
 
-type Optics = NonNullable<Kept["optics"]>;
+type Optics = NonNullable<Stored["optics"]>;
 
 const ELSEWHERE =
   "This link requires a sensor file that is not stored in this browser; links contain the view, not the file. Select the file with Load…";

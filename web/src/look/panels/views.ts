@@ -1,12 +1,12 @@
 import { byId, h } from "../../shared/dom";
 import {
-  type KeptView,
-  LONGEST_NAME,
+  type StoredView,
+  MAX_NAME_LENGTH,
   MODES,
-  ofTaken,
+  sourceOfState,
   ofView,
   type State,
-  TAKEN,
+  SOURCE_KEYS,
   textOf,
   VIEW,
   viewsIn,
@@ -34,7 +34,7 @@ const AROUND = [
 /** Stored views: selected individually, or displayed side by side. */
 export class ViewsPanel {
   private readonly list = byId("kept-views");
-  private readonly together = byId<HTMLButtonElement>("all-views");
+  private readonly analysis = byId<HTMLButtonElement>("all-views");
   private readonly cells = byId("cells");
   private shape = "";
 
@@ -44,7 +44,7 @@ export class ViewsPanel {
     private readonly sources: () => readonly { source: string; name: string }[],
   ) {
     byId("keep-view").addEventListener("click", () => this.keep());
-    this.together.addEventListener("click", () => this.showAll(!store.state.all));
+    this.analysis.addEventListener("click", () => this.showAll(!store.state.all));
     store.listen((s, changed) => this.follow(s, changed));
     this.show();
   }
@@ -52,28 +52,28 @@ export class ViewsPanel {
   /** Return the displayed views: the current one, or all stored ones. */
   states(): State[] {
     const s = asShown(this.store.state);
-    const { kept } = this;
-    return s.all && kept.length
-      ? kept.map((view, i) =>
+    const { stored } = this;
+    return s.all && stored.length
+      ? stored.map((view, i) =>
           i === this.active ? s : asShown({ ...s, ...ofView(view), ...view.of }),
         )
       : [s];
   }
 
   /** Return the views of other images or cameras. */
-  others(): State[] {
+  additional(): State[] {
     return this.states().filter((s) => this.isOther(s));
   }
 
   /** Return true if the image or camera of a view differs from the main one. */
   isOther(view: State): boolean {
-    return TAKEN.some((key) => String(view[key]) !== String(this.store.state[key]));
+    return SOURCE_KEYS.some((key) => String(view[key]) !== String(this.store.state[key]));
   }
 
   /** Index of the active view. */
   get active(): number {
     const { all, view } = this.store.state;
-    return all ? Math.min(Math.max(view, 0), Math.max(this.kept.length - 1, 0)) : 0;
+    return all ? Math.min(Math.max(view, 0), Math.max(this.stored.length - 1, 0)) : 0;
   }
 
   /** Activate the view at a position of the canvas, px. */
@@ -90,7 +90,7 @@ export class ViewsPanel {
     while (this.cells.children.length > shown.length) this.cells.lastElementChild!.remove();
     while (this.cells.children.length < shown.length)
       this.cells.append(h("div", {}, h("span", {})));
-    shown.forEach(({ left, top, width, height, state, seen }, i) => {
+    shown.forEach(({ left, top, width, height, state, cameraFeed }, i) => {
       const cell = this.cells.children[i] as HTMLElement;
       cell.className = i === this.active ? "moved" : "";
       Object.assign(cell.style, {
@@ -99,13 +99,13 @@ export class ViewsPanel {
         width: `${width}px`,
         height: `${height}px`,
       });
-      cell.firstElementChild!.textContent = seen
-        ? this.kept[i].name
-        : `${this.kept[i].name}: ${doubt(state)}`;
+      cell.firstElementChild!.textContent = cameraFeed
+        ? this.stored[i].name
+        : `${this.stored[i].name}: ${doubt(state)}`;
     });
   }
 
-  private get kept(): KeptView[] {
+  private get stored(): StoredView[] {
     return viewsIn(this.store.state.views) ?? [];
   }
 
@@ -114,24 +114,24 @@ export class ViewsPanel {
     const s = this.store.state;
     return s.all
       ? this.active
-      : this.kept.findIndex(
+      : this.stored.findIndex(
           ({ of, ...view }) =>
             VIEW.every((key) => view[key] === s[key]) && !this.isOther({ ...s, ...of }),
         );
   }
 
   private keep(): void {
-    const { kept } = this;
+    const { stored } = this;
     this.store.set({
-      views: textOf([...kept, this.named(this.newName())]),
-      ...(this.store.state.all && { view: kept.length }),
+      views: textOf([...stored, this.named(this.newName())]),
+      ...(this.store.state.all && { view: stored.length }),
     });
   }
 
   /** Return the current view for storage, with its source if there are several. */
-  private named(name: string): KeptView {
+  private named(name: string): StoredView {
     const s = this.store.state;
-    return { name, ...ofView(s), ...(this.sourceName !== null && { of: ofTaken(s) }) };
+    return { name, ...ofView(s), ...(this.sourceName !== null && { of: sourceOfState(s) }) };
   }
 
   /** Name of the current source, if there are several. */
@@ -149,19 +149,19 @@ export class ViewsPanel {
     const name =
       this.sourceName ??
       (mode === "perspective" ? `${TITLES[mode]} ${Math.round(pan)}°` : TITLES[mode]);
-    const alike = this.kept.filter(
+    const alike = this.stored.filter(
       (view) => view.name === name || view.name.startsWith(`${name} (`),
     ).length;
     return alike ? `${name} (${alike + 1})` : name;
   }
 
   private go(index: number): void {
-    const view = this.kept[index];
+    const view = this.stored[index];
     this.store.set({ ...ofView(view), ...view.of, view: index });
   }
 
   private drop(index: number): void {
-    const rest = this.kept.filter((_, i) => i !== index);
+    const rest = this.stored.filter((_, i) => i !== index);
     const isAll = this.store.state.all && rest.length > 0;
     const next = Math.min(this.active, rest.length - 1);
     const view = rest[next];
@@ -174,7 +174,7 @@ export class ViewsPanel {
   }
 
   private rename(index: number, name: string): void {
-    const views = this.kept.map((view, i) =>
+    const views = this.stored.map((view, i) =>
       i === index && name.trim() ? { ...view, name: name.trim() } : view,
     );
     this.store.set({ views: textOf(views) });
@@ -185,61 +185,61 @@ export class ViewsPanel {
   private showAll(all: boolean): void {
     if (!all) return this.store.set({ all, view: -1 });
     const s = this.store.state;
-    let { kept } = this;
+    let { stored } = this;
     let { current } = this;
-    if (!kept.length && this.sourceName !== null) {
-      kept = this.sources().map(({ source, name }) => ({
-        name: name.slice(0, LONGEST_NAME),
+    if (!stored.length && this.sourceName !== null) {
+      stored = this.sources().map(({ source, name }) => ({
+        name: name.slice(0, MAX_NAME_LENGTH),
         ...ofView(s),
-        of: { ...ofTaken(s), source },
+        of: { ...sourceOfState(s), source },
       }));
-      current = kept.findIndex(({ of }) => of?.source === s.source);
+      current = stored.findIndex(({ of }) => of?.source === s.source);
     }
-    if (!kept.length)
-      kept = AROUND.map(([name, pan]) => ({
+    if (!stored.length)
+      stored = AROUND.map(([name, pan]) => ({
         name,
         ...ofView({ ...s, mode: "perspective", pan, tilt: 0, hfov: 90, zoom: 1 }),
       }));
-    if (current < 0) kept = [this.named(this.newName()), ...kept];
+    if (current < 0) stored = [this.named(this.newName()), ...stored];
     current = Math.max(current, 0);
-    this.store.set({ views: textOf(kept), all, view: current });
+    this.store.set({ views: textOf(stored), all, view: current });
   }
 
   /** Store changes of the active view immediately. */
   private follow(s: State, changed: Set<keyof State>): void {
     const isMoved =
       s.all &&
-      [...VIEW, ...TAKEN].some((key) => changed.has(key)) &&
+      [...VIEW, ...SOURCE_KEYS].some((key) => changed.has(key)) &&
       !changed.has("view") &&
       !changed.has("views");
     if (isMoved)
       this.store.set({
         views: textOf(
-          this.kept.map((view, i) =>
+          this.stored.map((view, i) =>
             i === this.active
-              ? { name: view.name, ...ofView(s), ...(view.of && { of: ofTaken(s) }) }
+              ? { name: view.name, ...ofView(s), ...(view.of && { of: sourceOfState(s) }) }
               : view,
           ),
         ),
       });
     if (
       isMoved ||
-      [...VIEW, ...TAKEN].some((key) => changed.has(key)) ||
+      [...VIEW, ...SOURCE_KEYS].some((key) => changed.has(key)) ||
       (["views", "view", "all"] as const).some((key) => changed.has(key))
     )
       this.show();
   }
 
   private show(): void {
-    const { kept, current } = this;
-    this.together.setAttribute("aria-pressed", String(this.store.state.all));
-    const shape = JSON.stringify([kept.map((view) => view.name), current]);
+    const { stored, current } = this;
+    this.analysis.setAttribute("aria-pressed", String(this.store.state.all));
+    const shape = JSON.stringify([stored.map((view) => view.name), current]);
     if (shape === this.shape) return;
     this.shape = shape;
-    this.list.replaceChildren(...kept.map((view, i) => this.chip(view, i, i === current)));
+    this.list.replaceChildren(...stored.map((view, i) => this.chip(view, i, i === current)));
   }
 
-  private chip({ name }: KeptView, i: number, isCurrent: boolean): HTMLElement {
+  private chip({ name }: StoredView, i: number, isCurrent: boolean): HTMLElement {
     if (!isCurrent)
       return h("li", {}, h("button", { type: "button", onclick: () => this.go(i) }, name));
     const input = h("input", {

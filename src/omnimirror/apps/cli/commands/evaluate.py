@@ -294,7 +294,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         f"{s['field_deg'][0]:.4g} to {s['field_deg'][1]:.6g} deg, rim at "
         f"{s['rim_radius_px']:.1f} px",
         f"focus L0 = {result.focus_mm:.2f} mm; depth of field {near:.2f} to {far:.2f} mm "
-        f"(blur within {result.tolerance_px:g} px); Airy disk {result.airy_px:.2f} px at "
+        f"(blur within {result.tolerance_px:g} px); Airy disc {result.airy_px:.2f} px at "
         f"{result.wavelength_nm:g} nm",
         f"best focus by {merit}: {best.focus_mm:.2f} mm, value {best.value:.4g} {QUANTITIES[merit].unit}",
     ]

@@ -57,7 +57,7 @@ class LineOptions(Options):
         multiple=True,
         metavar="FILE",
         show_default=False,
-        help="Points marked on straight edges, CSV: line,u_px,v_px, and picture for several images (repeatable).",
+        help="Points marked on straight edges, CSV: line,u_px,v_px, and image for several images (repeatable).",
     )
     image_size: tuple[int, int] | None = option(
         type=full_image_size, metavar="WxH", help="Image size, if only --lines are given."

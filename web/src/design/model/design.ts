@@ -1,0 +1,118 @@
+import type { DesignSummary } from "../../shared/messages";
+
+/** Parsed TOML; the server checks its entries. */
+// eslint-disable-next-line @typescript-eslint/no-explicit-any
+export type Tables = Record<string, any>;
+
+/** Complete definition of the design on the bench. */
+export interface Design {
+  /** Sensor as the tables of its file. */
+  tables: Tables;
+  /** Whether the lens position follows the mapping of the mirror. */
+  follows_mapping: boolean;
+  /** Object distance, mm; null: infinite. */
+  distance: number | null;
+  /** Requirements as the tables of their file. */
+  requirements: Tables | null;
+}
+
+/** Pinned design. */
+export interface Pin {
+  name: string;
+  design: Design;
+}
+
+const MAX_UNDONE = 100;
+
+/** Current design with its undo history. */
+export class History {
+  private past: Design[] = [];
+  private future: Design[] = [];
+  /** Last committed design; slider moves start from it. */
+  private settled: Design;
+
+  constructor(public now: Design) {
+    this.settled = now;
+  }
+
+  get canUndo(): boolean {
+    return this.past.length > 0;
+  }
+
+  get canRedo(): boolean {
+    return this.future.length > 0;
+  }
+
+  get isHeld(): boolean {
+    return this.now !== this.settled;
+  }
+
+  /** Commit the current design; return whether it changed. */
+  settle(): boolean {
+    const isNew = JSON.stringify(this.now) !== JSON.stringify(this.settled);
+    if (isNew) {
+      this.past = [...this.past, this.settled].slice(-MAX_UNDONE);
+      this.future = [];
+    }
+    this.settled = this.now;
+    return isNew;
+  }
+
+  /** Replace the design by its completed form without an undo step. */
+  complete(design: Design): void {
+    const wasHeld = this.isHeld;
+    this.now = design;
+    if (!wasHeld) this.settled = design;
+  }
+
+  undo(): void {
+    this.settle();
+    const before = this.past.pop();
+    if (before) this.go(before, this.future);
+  }
+
+  redo(): void {
+    this.settle();
+    const after = this.future.pop();
+    if (after) this.go(after, this.past);
+  }
+
+  stacks(): { past: Design[]; future: Design[] } {
+    return { past: this.past, future: this.future };
+  }
+
+  restore(stacks: { past: Design[]; future: Design[] }): void {
+    this.past = stacks.past;
+    this.future = stacks.future;
+  }
+
+  private go(to: Design, left: Design[]): void {
+    left.push(this.settled);
+    this.now = this.settled = to;
+  }
+}
+
+/** Return the design with one changed entry; `index` selects an element of a list. */
+export function withEntry(
+  design: Design,
+  section: string,
+  name: string,
+  value: unknown,
+  index?: number,
+): Design {
+  const table = { ...design.tables[section] };
+  if (index === undefined) table[name] = value;
+  else table[name] = (table[name] as number[]).map((old, i) => (i === index ? value : old));
+  return { ...design, tables: { ...design.tables, [section]: table } };
+}
+
+/** Return the design with the lens distance computed by the server. */
+export function placed(design: Design, summary: DesignSummary): Design {
+  const distance = summary.mirror_distance_mm;
+  const own = design.tables.mount?.mirror_distance_mm as number | undefined;
+  if (!design.follows_mapping || distance === null || own === distance) return design;
+  return withEntry(design, "mount", "mirror_distance_mm", distance);
+}
+
+export const nameOf = (design: Design): string =>
+  (design.tables.name as string | undefined) ?? "design";

@@ -1,0 +1,161 @@
+import { ServerTask } from "../../shared/api";
+import { h, reveal, unique, write } from "../../shared/dom";
+import type { BenchSensor, BenchStart, TaskStatus, SearchTask } from "../../shared/messages";
+import { words } from "../../shared/numbers";
+import type { Design } from "../model/design";
+import { limitsOf } from "../model/requirements";
+import { quantityWords, unitWords } from "../labels";
+
+interface Callbacks {
+  now: () => Design;
+  take: (result: BenchSensor) => void;
+}
+
+/** Long-running searches: mirror optimisation, and design from requirements. */
+export class WorkPanel {
+  private readonly task = new ServerTask<TaskStatus>();
+  private readonly merit: HTMLSelectElement;
+  private readonly shape: HTMLSelectElement;
+  private readonly terms = h("input", {
+    type: "number",
+    min: "3",
+    max: "32",
+    step: "1",
+    value: "8",
+  });
+  private readonly starts = h("input", {
+    type: "number",
+    min: "1",
+    max: "8",
+    step: "1",
+    value: "2",
+  });
+  private readonly keeps = h("input", { type: "checkbox", checked: true });
+  private readonly keepsLabel = h(
+    "label",
+    {
+      className: "check",
+      title: "Search among mirrors that meet the limits; report if none does",
+      hidden: true,
+    },
+    this.keeps,
+    "Enforce the limits of the requirements",
+  );
+  private readonly begin = h(
+    "button",
+    { type: "button", onclick: () => this.start("optimise") },
+    "Optimise",
+  );
+  private readonly design = h(
+    "button",
+    { type: "button", onclick: () => this.start("design") },
+    "Design from requirements",
+  );
+  private readonly cancel = h(
+    "button",
+    {
+      type: "button",
+      hidden: true,
+      onclick: () => this.stop("Cancelled; the design is unchanged."),
+    },
+    "Cancel",
+  );
+  private readonly reason = h("p", { className: "words", id: unique(), hidden: true });
+  private readonly bar = h("progress", { max: 1, hidden: true, "aria-label": "Search" });
+  private readonly status = h("p", { className: "words", role: "status" });
+
+  constructor(
+    place: HTMLElement,
+    private readonly parts: BenchStart,
+    private readonly callbacks: Callbacks,
+  ) {
+    this.merit = h(
+      "select",
+      {},
+      ...parts.merits.map((m) =>
+        h("option", { value: m.name, title: m.meaning }, quantityWords(m)),
+      ),
+    );
+    this.shape = h(
+      "select",
+      {},
+      ...parts.shapes.map((f) => h("option", { value: f }, f.replaceAll("-", " "))),
+    );
+    this.begin.setAttribute("aria-describedby", this.reason.id);
+    place.append(
+      labelled("Minimise", this.merit),
+      labelled("Freeform", this.shape),
+      h(
+        "div",
+        { className: "two" },
+        labelled("Terms", this.terms),
+        labelled("Starts", this.starts),
+      ),
+      this.keepsLabel,
+      h("div", { className: "row" }, this.begin, this.design, this.cancel),
+      this.reason,
+      this.bar,
+      this.status,
+    );
+  }
+
+  /** Enable the searches for a design; `reason` is set if its mirror cannot be optimised. */
+  show(design: Design, reason: string | null): void {
+    reveal(this.design, Boolean(design.requirements?.mirror));
+    reveal(this.keepsLabel, limitsOf(design.requirements).length > 0);
+    reveal(this.reason, reason !== null);
+    write(this.reason, reason ?? "");
+    this.begin.disabled = this.task.isActive || reason !== null;
+  }
+
+  private start(kind: SearchTask["kind"]): void {
+    const { tables, requirements, distance } = this.callbacks.now();
+    const task: SearchTask = {
+      kind,
+      tables,
+      requirements,
+      object_distance_mm: distance,
+      merit: this.merit.value,
+      shape: this.shape.value,
+      terms: Number(this.terms.value),
+      starts: Number(this.starts.value),
+      keeps_limits: this.keeps.checked,
+    };
+    const cutOff = () => this.stop("The search was interrupted; the design is unchanged.");
+    this.task.begin("api/bench/work", [task], (news) => this.onStatus(news), cutOff);
+    this.running(true);
+    this.status.textContent = "Starting…";
+  }
+
+  private onStatus(news: TaskStatus): void {
+    if (news.state === "running") {
+      if (news.fraction === null) this.bar.removeAttribute("value");
+      else this.bar.value = news.fraction;
+      const merit = this.parts.merits.find((m) => m.name === this.merit.value)!;
+      const value =
+        news.value === null ? "" : `: ${words(news.value, 5)} ${unitWords(merit.unit)}`.trimEnd();
+      this.status.textContent = `${news.message}${value}`;
+      return;
+    }
+    this.stop(news.message);
+    if (news.sensor) this.callbacks.take(news.sensor);
+  }
+
+  private stop(message: string): void {
+    this.task.end();
+    this.running(false);
+    this.status.textContent = message;
+  }
+
+  private running(isRunning: boolean): void {
+    this.begin.disabled = isRunning || !this.reason.hidden;
+    this.design.disabled = isRunning;
+    this.cancel.hidden = this.bar.hidden = !isRunning;
+    this.bar.removeAttribute("value");
+  }
+}
+
+function labelled(title: string, input: HTMLElement): HTMLElement {
+  input.id = unique();
+  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
+}
