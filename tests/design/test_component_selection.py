@@ -30,7 +30,7 @@ SPHERE = om.load_sensor("paper-spherical")
 
 
 def at(sensor, side, F, focus, mode="exact"):
-    """Return the largest root sum square of blur and Airy disk over the field, by the evaluation."""
+    """Return the largest root sum square of blur and Airy disc over the field, by the evaluation."""
     name = "f_number" if isinstance(sensor.lens, Perspective) else "working_f_number"
     sensor = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))
     r = om.evaluate(sensor, np.linspace(*sensor.field_deg, 301), focus_mm=float(focus), mode=mode)

@@ -63,7 +63,7 @@ class Sensor:
         Pose of the mirror: decentring, displacement and tilt against lens and imager; aligned by
         default. The world origin remains at the nominal vertex.
     mirror_form
-        Form error of the mirror over its disk; none by default.
+        Form error of the mirror over its disc; none by default.
     imager_pose
         Tilt and rotation of the imager against the lens; perpendicular to the axis by default.
     secondary
@@ -718,7 +718,7 @@ class Sensor:
         """Return the rays of pixels through aperture points to the mirror.
 
         In the camera frame. A thin lens is ideal except for its distortion; its aperture is the
-        unit disk.
+        unit disc.
 
         Parameters
         ----------
