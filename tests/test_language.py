@@ -22,7 +22,6 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "omnimirror"
 
 GIVEN = "options given on the command line, as opposed to defaults"
-COLUMN = "name of a column or key of a file or message"
 EXCEPTIONS = {
     "apps/cli/_camera_options.py: given": GIVEN,
     "apps/cli/_declarations.py: given": GIVEN,
