@@ -63,7 +63,7 @@ COLUMNS = (
 def dead_leaves(
     width: int = 4096, leaves: int = 14000, smallest_deg: float = 0.53, seed: int = 3
 ) -> om.Environment:
-    """Return occluding disks of all sizes and colours, with edge statistics of natural scenes, and
+    """Return occluding discs of all sizes and colours, with edge statistics of natural scenes, and
     lettering."""
     rng = np.random.default_rng(seed)
     height = width // 2

@@ -181,7 +181,7 @@ def write(
             "",
             f"Estimate for {MANY} workers: "
             f"{MANY / shard:.0f} shards per second, {MANY * SHARD_TRIALS / shard / 1e6:.1f} "
-            f"million sensors, {MANY / shard * SHARD_TRIALS * 96 / 1e6:.0f} MB/s to the disk that they share; then "
+            f"million sensors, {MANY / shard * SHARD_TRIALS * 96 / 1e6:.0f} MB/s to the disc that they share; then "
             f"at most {1e6 * again / (SHARDS * SHARD_TRIALS):.1f} s of one core per million trials for the reduction.",
         ]
     )

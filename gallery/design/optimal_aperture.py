@@ -20,7 +20,7 @@ for f_number in numbers:
     )
     worst.append([np.abs([table.blur_t_px, table.blur_s_px]).max(), table.airy_px])
 ax.loglog(numbers, np.array(worst)[:, 0], label="maximum blur, px")
-ax.loglog(numbers, np.array(worst)[:, 1], "--", label="Airy disk, px")
+ax.loglog(numbers, np.array(worst)[:, 1], "--", label="Airy disc, px")
 ax.axvline(best.f_number, color="C3", label=f"best: F/{best.f_number:.1f}")
 ax.set(xlabel="F-number", ylabel="px")
 ax.legend()

@@ -64,7 +64,7 @@ def test_gaussian_pupil_integrates_polynomials(i, j):
 
     x, y = ray_bundles.gaussian(10).points.T
     odd = i % 2 or j % 2
-    # mean of x^i y^j over the disk
+    # mean of x^i y^j over the disc
     truth = 0.0 if odd else gamma((i + 1) / 2) * gamma((j + 1) / 2) / gamma((i + j) / 2 + 2) / np.pi
     assert ray_bundles.gaussian(10).weights @ (x**i * y**j) == pytest.approx(truth, abs=1e-14)
 
@@ -144,19 +144,19 @@ def test_through_focus_spots_match_refocused_sensors():
 
 @pytest.mark.parametrize("rings", few([8, 12, 20], 12))
 @pytest.mark.parametrize("place", np.linspace(-0.97, 0.97, 9))
-def test_the_open_share_of_an_aperture_is_that_of_its_area(rings, place):
+def test_open_fraction_of_aperture_equals_area_fraction(rings, place):
     """Straight edges have circular segments; an edge about the centre has the share of its radius squared."""
-    disk = ray_bundles.hexapolar(rings)
-    away = np.hypot(*disk.points.T)
+    disc = ray_bundles.hexapolar(rings)
+    away = np.hypot(*disc.points.T)
     for edge, truth in [
         (
-            disk.points @ [0.8, 0.6] - place,
+            disc.points @ [0.8, 0.6] - place,
             (np.arccos(place) - place * np.sqrt(1 - place**2)) / np.pi,
         ),
         (away - abs(place), 1 - place**2),
         (np.where(away <= 1, place**2 - away**2, np.inf), place**2),
     ]:
-        assert ray_bundles.unvignetted_fraction(disk, [edge], edge >= 0) == pytest.approx(
+        assert ray_bundles.unvignetted_fraction(disc, [edge], edge >= 0) == pytest.approx(
             truth, abs=0.45 / rings**2
         )
 

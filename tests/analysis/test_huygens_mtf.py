@@ -99,8 +99,8 @@ def out_of(sensor, start, d):
 
 def pupil_grid(reach=1.0):
     u = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1
-    disk = reach * np.stack(np.meshgrid(u, u, indexing="ij"), axis=-1).reshape(-1, 2)
-    return disk, 2 * reach / SIDE
+    disc = reach * np.stack(np.meshgrid(u, u, indexing="ij"), axis=-1).reshape(-1, 2)
+    return disc, 2 * reach / SIDE
 
 
 def towards(hit, target):
@@ -140,7 +140,7 @@ def slopes_towards(sensor, places, target, guess):
     return slopes, out(slopes)
 
 
-def flux(places_of, disk, step):
+def flux(places_of, disc, step):
     """Return the beam cross-section (n,) of a distant object per pupil area, by differences on the
     square grid."""
     p = places_of.reshape(SIDE, SIDE, 3)
@@ -188,25 +188,25 @@ def huygens(sensor, omega_deg, nu=NU, distance=np.inf, focus=None):
             -hit @ target if np.isinf(distance) else np.linalg.norm(to_object[0] - hit, axis=1)
         )
 
-    disk, step = pupil_grid()
-    _, leaving = slopes_towards(sensor, radius * disk, to_object, chief[0])
+    disc, step = pupil_grid()
+    _, leaving = slopes_towards(sensor, radius * disc, to_object, chief[0])
     _, hit, out, blocked = leaving
     assert np.abs(out - towards(hit, to_object)).max() < 1e-8
     in_focus = focus * np.array([*chief[0], 1.0])
-    start = np.column_stack([radius * disk, np.zeros(len(disk))])
+    start = np.column_stack([radius * disc, np.zeros(len(disc))])
     ideal = np.linalg.norm(start - in_focus, axis=1) - np.linalg.norm(in_focus)
     phase = path_of(leaving) - path_of(way)[0] - ideal
-    by_u, by_v = flux(hit, disk, step)
+    by_u, by_v = flux(hit, disc, step)
     light = np.abs((np.cross(by_u, by_v) * out).sum(axis=1))
     if np.isfinite(distance):
         light = light / np.linalg.norm(to_object[0] - hit, axis=1) ** 2
-    open_ = (np.hypot(*disk.T) <= 1) & ~blocked
+    open_ = (np.hypot(*disc.T) <= 1) & ~blocked
     F = focus * lens.focal_length_mm / (focus - lens.focal_length_mm) / (2 * radius)
     cos = 1 / np.hypot(1.0, chief[0, 0])
     square = (SIDE, SIDE)
     steps = step * cos**3 / (2 * F), step * cos / (2 * F)
     found = line_mtf((light * open_).reshape(square), phase.reshape(square), steps, nu)
-    return found * np.sinc(nu), open_.sum() / (np.hypot(*disk.T) <= 1).sum()
+    return found * np.sinc(nu), open_.sum() / (np.hypot(*disc.T) <= 1).sum()
 
 
 def folded(f_number, bore):

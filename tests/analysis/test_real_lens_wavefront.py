@@ -128,10 +128,10 @@ def bundle(omega_deg, side, reach=1.15):
     chief = Rays(omega_deg, middle[None], to_imager)
     assert np.abs(chief.stop).max() < 1e-9
     u = (np.arange(side) + 0.5) / side * 2 - 1
-    disk = np.stack(np.meshgrid(u, u, indexing="ij"), axis=-1)
+    disc = np.stack(np.meshgrid(u, u, indexing="ij"), axis=-1)
     rays = Rays(
         omega_deg,
-        (middle + disk @ (reach * radius * np.linalg.inv(slopes)).T).reshape(-1, 2),
+        (middle + disc @ (reach * radius * np.linalg.inv(slopes)).T).reshape(-1, 2),
         to_imager,
     )
     assert (np.hypot(*rays.stop.T) <= radius).reshape(side, side)[[0, -1]].sum() == 0

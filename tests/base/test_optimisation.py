@@ -151,7 +151,7 @@ def test_spread_has_free_level():
 
 @pytest.mark.parametrize("method", [solve_minimax, minimise_mean])
 def test_constraints_hold_from_infeasible_start(method):
-    """The nearest point to (3, 0) of the disk of radius 1."""
+    """The nearest point to (3, 0) of the disc of radius 1."""
 
     def values(y):
         return ObjectiveValues(np.array([(y[0] - 3) ** 2 + y[1] ** 2]), np.array([y @ y - 1]))

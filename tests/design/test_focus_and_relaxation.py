@@ -67,7 +67,7 @@ omega_deg = [85, 95]
 
 
 def worst_blur_px(sensor, focus_mm, omega, distances=(600.0, np.inf)):
-    """Return the larger blur with the Airy disk at the worst angle, by the evaluation."""
+    """Return the larger blur with the Airy disc at the worst angle, by the evaluation."""
     results = [
         om.evaluate(sensor, omega, object_distance_mm=d, focus_mm=focus_mm) for d in distances
     ]
@@ -226,7 +226,7 @@ def test_airy_disk_above_blur_limit_is_reported():
     found = row(best(parse_requirements(SURVEY.replace("0.65", "0.1"))), "total_blur_deg")
     assert not found.is_met
     assert any(
-        "the Airy disk alone is 0.64" in remark and "F/11" in remark for remark in found.remarks
+        "the Airy disc alone is 0.64" in remark and "F/11" in remark for remark in found.remarks
     )
 
 

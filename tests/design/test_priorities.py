@@ -25,7 +25,7 @@ FOCUS_MM = np.linspace(195.0, 260.0, 261)
 
 
 def blurs_by_hand(sensor: om.Sensor) -> np.ndarray:
-    """Return the larger blur at the rim and in the centre (focuses, 2), with the Airy disk, for all
+    """Return the larger blur at the rim and in the centre (focuses, 2), with the Airy disc, for all
     focus settings."""
     found = []
     for focus in FOCUS_MM:

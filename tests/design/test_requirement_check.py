@@ -198,7 +198,7 @@ def test_blur_limit_below_airy_disk_is_reported(name, is_blur):
         said = [
             remark
             for remark in row.remarks
-            if remark.startswith(f"the Airy disk alone is {airy:.4g} px at F/4")
+            if remark.startswith(f"the Airy disc alone is {airy:.4g} px at F/4")
         ]
         assert len(said) == (is_blur and share < 1)
     (row,) = om.check_requirements(

@@ -101,7 +101,7 @@ LAMPS = {
 VALUES = {"corner": 250, "top": 180, "right": 110}
 
 
-def picture_of_the_sign(axes, flipped):
+def image_of_sign(axes, flipped):
     image = np.zeros((SIZE, SIZE), np.uint8)
     for name, point in LAMPS.items():
         u, v = np.round(shortest_path_pixel(np.array(point), axes)).astype(int)
@@ -122,7 +122,7 @@ def find(picture, name):
 @pytest.mark.parametrize("view", ["panorama", "perspective", "dome"])
 def test_view_is_not_mirrored(looks, azimuth, flipped, view):
     axes = (IMAGE_RIGHT_IS_FORWARD if azimuth == 0.0 else IMAGE_TOP_IS_FORWARD)[looks]
-    raw = picture_of_the_sign(axes, flipped)
+    raw = image_of_sign(axes, flipped)
     sensor = sensor_with(looks, azimuth, flipped)
     screen = {
         "panorama": om.screens.Cylinder((1800, 500), -50.0, 50.0),

@@ -58,7 +58,7 @@ def test_camera_of_an_image_size():
         DewarpRequest(lambda size: size).camera_of((2, 1))
 
 
-def test_tilt_is_removed_from_the_camera_of_a_view_that_keeps_it():
+def test_view_with_residual_tilt_removes_it_from_camera():
     assert DewarpRequest(TILTED).view_camera(TILTED) is TILTED
     level = DewarpRequest(TILTED, keep_tilt=True).view_camera(TILTED)
     assert level == replace(TILTED, mount=Mount(forward_azimuth_deg=30.0))
@@ -71,7 +71,7 @@ def test_tilt_is_removed_from_the_camera_of_a_view_that_keeps_it():
 SPHERE = om.screens.Equirectangular((90, 40), -40.0, 20.0, pan_deg=90.0, span_deg=180.0)
 
 
-def test_panorama_metadata_contain_the_tilt_that_is_kept():
+def test_panorama_metadata_contain_residual_tilt():
     """Panned by 90 deg, the pitch of the camera is the roll of the panorama."""
     size, elevation = (90, 40), (-40.0, 20.0)
     plain = GPano.of_view(size, elevation, 180.0)

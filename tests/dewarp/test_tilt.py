@@ -227,7 +227,7 @@ def dewarp(*args) -> np.ndarray:
     return om.read_image("out.png")
 
 
-def pose_told() -> tuple[float, float]:
+def estimated_pose() -> tuple[float, float]:
     metadata = xmp_of("out.png")
     return float(metadata["PosePitchDegrees"]), float(metadata["PoseRollDegrees"])
 
@@ -235,7 +235,7 @@ def pose_told() -> tuple[float, float]:
 def test_command_line_levels_and_reports(folder):
     view = ("--elevation-deg=-60:40", "--size", "120x")
     by_file = dewarp("--sensor", "leaning.toml", *view)
-    assert pose_told() == (0, 0)
+    assert estimated_pose() == (0, 0)
     np.testing.assert_array_equal(
         dewarp("--sensor", "plumb.toml", f"--set=camera.level={PITCH},{ROLL}", *view), by_file
     )
@@ -244,13 +244,13 @@ def test_command_line_levels_and_reports(folder):
     np.testing.assert_array_equal(
         dewarp("--sensor", "leaning.toml", "--set", "camera.level=0,0", *view), plumb
     )
-    assert pose_told() == (0, 0)
+    assert estimated_pose() == (0, 0)
     np.testing.assert_array_equal(
         dewarp("--sensor", "leaning.toml", "--set=camera.keep_tilt=true", *view), plumb
     )
-    assert pose_told() == (PITCH, ROLL)
+    assert estimated_pose() == (PITCH, ROLL)
     dewarp("--sensor", "leaning.toml", "--set=camera.keep_tilt=true", "--pan-deg", "90", *view)
-    assert pose_told() == pytest.approx(
+    assert estimated_pose() == pytest.approx(
         Mount(pitch_deg=PITCH, roll_deg=ROLL).view_tilt_deg(90.0), abs=1e-3
     )
 

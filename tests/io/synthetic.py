@@ -76,7 +76,7 @@ def sound_of(path: Path) -> list[tuple[Fraction, bytes]]:
         return [(p.pts * p.time_base, bytes(p)) for p in container.demux(audio=0) if p.size]
 
 
-def pictures_of(path: Path) -> list[av.VideoFrame]:
+def images_of(path: Path) -> list[av.VideoFrame]:
     """Return the frames, by PyAV only."""
     with av.open(str(path)) as container:
         return list(container.decode(video=0))

@@ -47,7 +47,7 @@ def theirs(path, mode="RGB", profile=PROFILE):
     return path
 
 
-def assert_what_holds(path):
+def assert_invariants(path):
     with Image.open(path) as picture:
         assert picture.info["icc_profile"] == PROFILE
         exif = picture.getexif()
@@ -69,7 +69,7 @@ def test_dewarped_images_keep_profile_and_valid_exif(tmp_path, source, target, c
     theirs(tmp_path / f"in{source}")
     main(["dewarp", str(tmp_path / f"in{source}"), *BALL, "-o", str(tmp_path / f"out{target}")])
     assert "without" not in capsys.readouterr().out
-    assert_what_holds(tmp_path / f"out{target}")
+    assert_invariants(tmp_path / f"out{target}")
     with Image.open(
         tmp_path / f"out{target}"
     ) as picture:  # panorama metadata and pixels are still written
@@ -87,7 +87,7 @@ def test_exif_in_big_endian_order(tmp_path):
     Image.new("RGB", (64, 64)).save(tmp_path / "in.png", exif=exif, icc_profile=PROFILE)
     image, metadata = read_image_and_metadata(tmp_path / "in.png")
     om.write_image(tmp_path / "out.jpg", image, metadata=metadata)
-    assert_what_holds(tmp_path / "out.jpg")
+    assert_invariants(tmp_path / "out.jpg")
 
 
 def test_long_jpeg_profile_is_split_into_segments(tmp_path):

@@ -15,7 +15,7 @@ from omnimirror.base.errors import MediaError
 from omnimirror.io.video_frames import ColourCoding, empty_frame, frame_of_image
 from omnimirror.io.video_writer import ImageSequenceWriter, VideoWriter
 from tests.commands import fails, omnimirror
-from tests.io.synthetic import pictures_of
+from tests.io.synthetic import images_of
 
 BALL = [
     "--ball",
@@ -56,7 +56,7 @@ def test_frames_are_written_as_numbered_images(film, tmp_path, suffix):
     run = omnimirror("dewarp", film, *BALL, "-o", out / f"f%04d{suffix}")
     assert run.returncode == 0, run.stderr
     assert names(out) == [f"f{i:04d}{suffix}" for i in range(1, 13)]
-    for i, frame in enumerate(pictures_of(film), 1):
+    for i, frame in enumerate(images_of(film), 1):
         expected = DEWARP(frame.to_ndarray(format="rgb24")).astype(float)
         with Image.open(out / f"f{i:04d}{suffix}") as made:
             assert np.abs(np.asarray(made) - expected)[2:-2, 2:-2].mean() < 3
@@ -194,7 +194,7 @@ def test_more_than_8_bits_are_written_as_16(tmp_path, bits, pixel_format):
     )
 
 
-def test_transparency_is_kept(tmp_path):
+def test_transparency_is_preserved(tmp_path):
     frame, (y, u, v, a) = empty_frame((64, 48), "yuva444p")
     for plane, value in zip((y, u, v, a), (126, 128, 128, 77), strict=True):
         plane[:] = value

@@ -17,7 +17,7 @@ from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
 from tests.commands import fails, omnimirror
-from tests.io.synthetic import SIZE, make_video, pictures_of
+from tests.io.synthetic import SIZE, images_of, make_video
 
 BALL = [
     "--ball",
@@ -61,7 +61,7 @@ def test_image_sequence_is_read_as_video(shots):
         shots / "o.mp4",
     )
     assert run.returncode == 0, run.stderr
-    frames = pictures_of(shots / "o.mp4")
+    frames = images_of(shots / "o.mp4")
     assert [frame.time for frame in frames] == pytest.approx([i / 10 for i in range(6)])
     dewarp = om.Dewarper(CAMERA, VIEW)
     for i, frame in enumerate(frames, 3):
@@ -95,7 +95,7 @@ def test_video_on_standard_input_with_index_at_end(tmp_path):
         command, input=(tmp_path / "in.mp4").read_bytes(), capture_output=True, cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
-    assert len(pictures_of(tmp_path / "o.mkv")) == 5
+    assert len(images_of(tmp_path / "o.mkv")) == 5
     empty = run_program(command, input=b"", capture_output=True, cwd=tmp_path)
     assert empty.returncode == 1
     assert b"standard input must be a video; got no data" in empty.stderr

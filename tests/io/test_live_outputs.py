@@ -20,7 +20,7 @@ from omnimirror.io.video_frames import frame_of_image, planes
 from omnimirror.io.video_processing import in_real_time, process
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
-from tests.io.synthetic import SIZE, make_video, pictures_of, sound_of
+from tests.io.synthetic import SIZE, images_of, make_video, sound_of
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["limited", "full"])
@@ -51,7 +51,7 @@ def test_y4m_is_read_by_two_readers(clip, tmp_path, pixels):
             reader.items(), PipeSink("y4m", reader.frame_rate, stream=pipe), lambda p, t: p, pixels
         )
     head, frames = y4m_of(pipe.getvalue())
-    before = pictures_of(clip)
+    before = images_of(clip)
     told = "FULL" if before[0].color_range == 2 else "LIMITED"
     assert head == f"YUV4MPEG2 W64 H48 F25:1 Ip A1:1 C420jpeg XCOLORRANGE={told}"
     expected = [b"".join(plane.tobytes() for plane in planes(frame)) for frame in before]
@@ -62,7 +62,7 @@ def test_y4m_is_read_by_two_readers(clip, tmp_path, pixels):
         difference = np.frombuffer(frame, np.uint8).astype(int) - np.frombuffer(wanted, np.uint8)
         assert np.abs(difference).max() <= tolerance
     (tmp_path / "a.y4m").write_bytes(pipe.getvalue())
-    after = pictures_of(tmp_path / "a.y4m")
+    after = images_of(tmp_path / "a.y4m")
     assert [round(frame.time * 25) for frame in after] == list(range(10))
     assert after[0].color_range == before[0].color_range
     np.testing.assert_array_equal(
@@ -134,7 +134,7 @@ def test_tee_writes_same_frames_to_all_sinks(clip, tmp_path):
         outcome.frames
         == 10
         == len(y4m_of(pipe.getvalue())[1])
-        == len(pictures_of(tmp_path / "a.mp4"))
+        == len(images_of(tmp_path / "a.mp4"))
     )
 
 
@@ -150,7 +150,7 @@ def test_tee_writes_audio_to_all_files(tmp_path):
     expected = [data for _, data in sound_of(clip)]
     for name in names:
         assert [data for _, data in sound_of(name)] == expected
-        assert len(pictures_of(name)) == 30
+        assert len(images_of(name)) == 30
 
 
 def test_in_real_time_delays_frames(clip):

@@ -17,7 +17,7 @@ from omnimirror.io.live_sources import TICKS, LiveSource, resolve_source
 from omnimirror.io.video_processing import process
 from omnimirror.io.video_writer import VideoWriter
 from tests.everyday import few
-from tests.io.synthetic import SIZE, make_video, pictures_of
+from tests.io.synthetic import SIZE, images_of, make_video
 
 HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n"
 PATIENCE = {
@@ -168,7 +168,7 @@ def test_live_stream_is_recorded(transport, tmp_path):
         source.first()
         sink = VideoWriter(tmp_path / "a.mp4", SIZE, source.frame_rate, time_base=TICKS)
         outcome = process(source.frames(), sink, lambda picture, time_s: picture, queue_size=0)
-    frames = pictures_of(tmp_path / "a.mp4")
+    frames = images_of(tmp_path / "a.mp4")
     assert len(frames) == outcome.frames == 100 - source.dropped
     assert 0.3 < frames[-1].time - frames[0].time < 4
 

@@ -16,7 +16,7 @@ from omnimirror.io.mp4 import can_be_spherical
 from omnimirror.io.video_frames import frame_of_image
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
-from tests.io.synthetic import pictures_of
+from tests.io.synthetic import images_of
 
 RNG = np.random.default_rng(5)
 GPANO = "{http://ns.google.com/photos/1.0/panorama/}"
@@ -244,7 +244,7 @@ def test_both_spherical_versions_are_present(tmp_path, suffix, codec, entry):
 def test_spherical_metadata_keeps_frames(tmp_path):
     grey_video(tmp_path / "a.mp4", PART)
     grey_video(tmp_path / "b.mp4", None)
-    a, b = pictures_of(tmp_path / "a.mp4"), pictures_of(tmp_path / "b.mp4")
+    a, b = images_of(tmp_path / "a.mp4"), images_of(tmp_path / "b.mp4")
     assert len(a) == len(b) == 30
     for one, other in zip(a, b, strict=True):
         np.testing.assert_array_equal(one.to_ndarray(), other.to_ndarray())

@@ -33,10 +33,10 @@ from tests.everyday import few
 from tests.io.synthetic import (
     SIZE,
     grey_of,
+    images_of,
     luma_of,
     make_video,
     number_of,
-    pictures_of,
     sound_of,
     tone,
 )
@@ -75,7 +75,7 @@ def test_duration_includes_all_frames(tmp_path, rate, suffix):
                 video.write(frame)
         with av.open(str(path)) as container:
             lasts_s = container.duration / av.time_base
-        if (found := len(pictures_of(path))) != count or abs(lasts_s - count / rate) > 0.0011:
+        if (found := len(images_of(path))) != count or abs(lasts_s - count / rate) > 0.0011:
             short.append((count, found, lasts_s))
     assert not short
 
@@ -89,7 +89,7 @@ def test_duration_includes_all_frames(tmp_path, rate, suffix):
 def test_copy_keeps_everything_except_pixels(clip, tmp_path, suffix, pixels):
     out = tmp_path / f"out{suffix}"
     outcome = through(clip, out, pixels=pixels)
-    before, after = pictures_of(clip), pictures_of(out)
+    before, after = images_of(clip), images_of(out)
     assert (outcome.frames, outcome.is_stopped, len(after)) == (50, False, 50)
     # Matroska and MPEG-TS start at 0 or later, and shift images and sound equally.
     sound, copied = sound_of(clip), sound_of(out)
@@ -143,7 +143,7 @@ def test_rotation_equals_opencv(tmp_path, rotation, suffix):
     for frame in frames:
         assert np.abs(image_of_frame(frame).astype(int) - shown).max() <= 1
     through(source, tmp_path / f"b{suffix}")
-    (written, *_) = pictures_of(tmp_path / f"b{suffix}")
+    (written, *_) = images_of(tmp_path / f"b{suffix}")
     assert (written.rotation, written.width, written.height) == (0, *shown.shape[1::-1])
 
 
@@ -190,7 +190,7 @@ def test_frames_are_oriented_as_images(number, name, size):
 def test_colours_are_unchanged(tmp_path, space, colour_range, pixels):
     source = make_video(tmp_path / "a.mp4", 5, colour_range=colour_range, colour_space=space)
     through(source, tmp_path / "b.mp4", pixels=pixels, crf=5)
-    a, b = pictures_of(source)[3], pictures_of(tmp_path / "b.mp4")[3]
+    a, b = images_of(source)[3], images_of(tmp_path / "b.mp4")[3]
     assert (b.color_range, b.colorspace) == (a.color_range, a.colorspace) == (colour_range, space)
     for plane_a, plane_b in zip(planes(a), planes(b), strict=True):
         assert np.abs(plane_a.astype(int) - plane_b).max() <= 3
@@ -207,16 +207,16 @@ def test_full_range_is_converted_if_unsupported(tmp_path):
             codec="mpeg4",
             options={"qmin": "1", "qmax": "1"},
         )
-        a, b = pictures_of(source)[3], pictures_of(tmp_path / "b.mkv")[3]
+        a, b = images_of(source)[3], images_of(tmp_path / "b.mkv")[3]
         assert b.color_range != 2
         assert abs(luma_of(b) - (16 + luma_of(a) * 219 / 255)) <= 3
 
 
-def test_variable_frame_times_are_kept(tmp_path):
+def test_variable_frame_times_are_preserved(tmp_path):
     times = [0, 1, 2, 7, 8, 20, 21, 22, 40]
     source = make_video(tmp_path / "a.mp4", times=times)
     through(source, tmp_path / "b.mp4")
-    assert [round(frame.time * 25, 6) for frame in pictures_of(tmp_path / "b.mp4")] == times
+    assert [round(frame.time * 25, 6) for frame in images_of(tmp_path / "b.mp4")] == times
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
@@ -235,7 +235,7 @@ def test_start_and_duration_are_exact(clip, tmp_path, suffix, start, duration, f
     with VideoReader(source, start, duration) as reader:
         assert abs(reader.expected_frames - count) <= 1
         process(reader.items(), VideoWriter.from_source(reader, tmp_path / "b.mp4"), same)
-    frames = pictures_of(tmp_path / "b.mp4")
+    frames = images_of(tmp_path / "b.mp4")
     assert [number_of(frame) for frame in frames] == [i % 9 for i in range(first, first + count)]
     assert frames[0].time == pytest.approx(first / 25 - start, abs=1e-3)
     # The audio is that of the same part: its packets start within one packet of the images.
@@ -270,7 +270,7 @@ def test_function_receives_frames_in_order_with_time(clip, tmp_path):
 
     through(clip, tmp_path / "b.mp4", note, size=(32, 24))
     assert seen == [(i, (48, 64, 3)) for i in range(50)]
-    assert (pictures_of(tmp_path / "b.mp4")[0].width, len(sound_of(tmp_path / "b.mp4"))) == (
+    assert (images_of(tmp_path / "b.mp4")[0].width, len(sound_of(tmp_path / "b.mp4"))) == (
         32,
         len(sound_of(clip)),
     )
@@ -284,7 +284,7 @@ def test_planes_can_be_filled_without_a_copy(clip, tmp_path):
         return frame
 
     through(clip, tmp_path / "b.mp4", invert, "planes", crf=5)
-    lumas = [luma_of(frame) for frame in pictures_of(tmp_path / "b.mp4")]
+    lumas = [luma_of(frame) for frame in images_of(tmp_path / "b.mp4")]
     assert max(abs(luma - 255 + grey_of(i)) for i, luma in enumerate(lumas)) <= 4
 
 
@@ -361,14 +361,14 @@ HDR = ColourCoding(1, 9, 9, 16)
         ("a.mkv", "ffv1", "yuv444p", "o.mp4", {"pixel_format": "yuv420p"}, "yuv420p", ""),
     ],
 )
-def test_depth_chroma_and_transparency_are_kept_or_reported(
+def test_lost_depth_chroma_or_transparency_is_reported(
     tmp_path, source, codec, pixel_format, out, more, kept, lost
 ):
     coded(tmp_path / source, codec, pixel_format, HDR if codec == "libx265" else None)
     with VideoReader(tmp_path / source) as reader:
         writer = VideoWriter.from_source(reader, tmp_path / out, **more)
         process(reader.items(), writer, same, "frame")
-    a, b = pictures_of(tmp_path / source)[0], pictures_of(tmp_path / out)[0]
+    a, b = images_of(tmp_path / source)[0], images_of(tmp_path / out)[0]
     assert b.format.name == kept
     assert ColourCoding.of(b) == ColourCoding.of(a) if codec == "libx265" else True
     assert [lost in note for note in writer.notes] == ([True] if lost else [])
@@ -456,7 +456,7 @@ def test_truncated_video_keeps_readable_frames(tmp_path, suffix, capfd):
     with pytest.raises(MediaError, match=r"part.* is (truncated|damaged).* decoded frames") as e:
         through(part, tmp_path / f"out{suffix}")
     assert "\n" not in str(e.value)
-    frames = pictures_of(tmp_path / f"out{suffix}")
+    frames = images_of(tmp_path / f"out{suffix}")
     assert 5 < len(frames) < 50
     assert [number_of(frame) for frame in frames] == [i % 9 for i in range(len(frames))]
     assert capfd.readouterr().err == ""
@@ -474,7 +474,7 @@ def test_damaged_video_keeps_decodable_frames(clip, tmp_path):
         match=r"a.mp4 is damaged: cannot decode \d+ of 50 frames; decoded \d+",
     ):
         through(tmp_path / "a.mp4", tmp_path / "b.mp4")
-    assert 25 <= len(pictures_of(tmp_path / "b.mp4")) <= 48
+    assert 25 <= len(images_of(tmp_path / "b.mp4")) <= 48
 
 
 def test_missing_index_raises(tmp_path):
@@ -592,7 +592,7 @@ def test_ctrl_c_finishes_file(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         stop_after_ten()
-    assert len(pictures_of(tmp_path / "a.mp4")) == 10
+    assert len(images_of(tmp_path / "a.mp4")) == 10
     with pytest.raises(KeyboardInterrupt), VideoWriter(tmp_path / "b.mp4", SIZE, 25):
         raise KeyboardInterrupt
     assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
@@ -642,7 +642,7 @@ def test_ctrl_c_and_sigterm_leave_playable_file(clip, tmp_path, number):
     assert (run.returncode, errors) == (0, "")
     code, count = rest.splitlines()[-1].split()
     assert int(code) == 128 + number
-    frames = pictures_of(out)
+    frames = images_of(out)
     assert 7 <= len(frames) == int(count) < 40
     assert [number_of(frame) for frame in frames] == [i % 9 for i in range(len(frames))]
     assert sound_of(out)
@@ -689,13 +689,13 @@ def test_output_of_killed_run_is_rescued(tmp_path, suffix):
     left = [path for path in tmp_path.iterdir() if path.name.startswith(".")]
     assert len(left) == 1
     assert not out.exists()
-    whole = len(pictures_of(left[0]))
+    whole = len(images_of(left[0]))
     assert 60 <= whole <= 100  # all but the last second
     with VideoWriter(out, SIZE, 25) as writer:
         writer.write(frame_of_image(np.zeros((48, 64), np.uint8)))
     names = {f"a{suffix}", f"a.rescued{suffix}", f"a.rescued-2{suffix}"}
     assert {path.name for path in tmp_path.iterdir()} == names
-    assert len(pictures_of(tmp_path / f"a.rescued-2{suffix}")) == whole
+    assert len(images_of(tmp_path / f"a.rescued-2{suffix}")) == whole
     assert "killed" in writer.notes[0]
     assert stat.S_IMODE((tmp_path / f"a.rescued{suffix}").stat().st_mode) == stat.S_IMODE(
         out.stat().st_mode

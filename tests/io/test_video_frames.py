@@ -273,7 +273,7 @@ def test_frames_of_a_video(tmp_path):
 
 
 @pytest.mark.parametrize("channels", [3, 4])
-def test_frames_of_pictures(channels):
+def test_frames_of_images(channels):
     picture = np.dstack([orange(), np.full((64, 64), 255, np.uint8)])[..., :channels]
     frame = frame_of_image(np.ascontiguousarray(picture))
     assert_orange(frame.to_ndarray(format="rgb24"))

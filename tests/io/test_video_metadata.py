@@ -129,7 +129,7 @@ def tracks_of(path):
 
 @pytest.mark.parametrize("target", [".mkv", ".mp4", ".m4v", ".mov"])
 @pytest.mark.parametrize("source", [".mkv", ".mp4"])
-def test_tracks_are_kept(tmp_path, source, target):
+def test_tracks_are_preserved(tmp_path, source, target):
     make_film(tmp_path / f"a{source}")
     notes = through(tmp_path / f"a{source}", tmp_path / f"b{target}")
     assert len(notes) == (target == ".m4v")
@@ -228,7 +228,7 @@ def data_of(path):
         (".ts", "bin_data", ".ts", "a.ts: dropped data track 2 (bin_data)"),
     ],
 )
-def test_data_tracks_are_kept_or_their_loss_is_reported(tmp_path, suffix, codec, target, lost):
+def test_lost_data_tracks_are_reported(tmp_path, suffix, codec, target, lost):
     make_film(tmp_path / f"film{suffix}", languages=("eng",), subtitles=False)
     source = add_data(tmp_path / f"film{suffix}", tmp_path / f"a{suffix}", codec)
     (before,) = data_of(source)
@@ -263,7 +263,7 @@ def test_data_tracks_of_unknown_kinds_are_named(tmp_path):
 
 @pytest.mark.parametrize("target", [".mkv", ".mp4", ".mov"])
 @pytest.mark.parametrize("begins_ms", [1200, 40])
-def test_start_time_is_kept(tmp_path, begins_ms, target):
+def test_start_time_is_preserved(tmp_path, begins_ms, target):
     make_film(tmp_path / "a.mkv", begins_ms)
     through(tmp_path / "a.mkv", tmp_path / f"b{target}")
     with av.open(str(tmp_path / "a.mkv")) as before, av.open(str(tmp_path / f"b{target}")) as after:
@@ -373,7 +373,7 @@ def copied(source, out, codec):
 
 
 @pytest.mark.parametrize("codec", ["libx265", "libx264", "libsvtav1"])
-def test_mastering_display_is_kept(graded, tmp_path, codec):
+def test_mastering_display_is_preserved(graded, tmp_path, codec):
     assert not copied(graded, tmp_path / "out.mp4", codec)
     with av.open(str(tmp_path / "out.mp4")) as container:
         beside = next(container.decode(video=0)).side_data

@@ -168,7 +168,7 @@ def test_samples_fill_pixel_and_aperture():
     np.testing.assert_allclose(pixels.mean(axis=1), [[7, 5], [8, 5]], atol=1.5e-2)
     radius = np.hypot(*np.moveaxis(aperture, -1, 0))
     assert radius.max() <= 1
-    np.testing.assert_allclose((radius**2).mean(axis=1), 0.5, atol=1.5e-2)  # mean over a disk
+    np.testing.assert_allclose((radius**2).mean(axis=1), 0.5, atol=1.5e-2)  # mean over a disc
     np.testing.assert_allclose(aperture.mean(axis=1), 0.0, atol=1e-2)
     assert np.abs(pixels[0] - pixels[1] + [1, 0]).max() > 0.1  # each pixel has its own shift
 
@@ -264,7 +264,7 @@ def test_natural_vignetting_is_cos4():
 
 
 def test_camera_reflection_is_central():
-    """Its edge is at the mirror point that reflects the edge of the disk into the lens."""
+    """Its edge is at the mirror point that reflects the edge of the disc into the lens."""
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(80.0)))
     white = Environment(np.ones((4, 8, 3), np.float32))
     light = expose(sensor, white, samples=1, radiometry=Radiometry(housing_light=0.0))[..., 0]

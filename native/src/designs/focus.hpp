@@ -144,7 +144,7 @@ class RealAreas {
     }
 
     MaxArea max_area(double v) const {
-        const double q = lens_.defocus(v), disk = airy(q), floor = 1 + disk * disk;
+        const double q = lens_.defocus(v), disc = airy(q), floor = 1 + disc * disc;
         const double* OMNIMIRROR_RESTRICT p = w_.parabolas;
         const double* OMNIMIRROR_RESTRICT counts = w_.density;
         const int n = w_.lanes;
@@ -162,7 +162,7 @@ class RealAreas {
             }
         }
         const int j = maximum.index();
-        const double dfloor = 2 * disk * airy_slope_, scale = at(DH_OF, j, q) * at(DW_OF, j, q);
+        const double dfloor = 2 * disc * airy_slope_, scale = at(DH_OF, j, q) * at(DW_OF, j, q);
         const double side_t = side(T, j, q, floor), side_s = side(S, j, q, floor);
         const double value = side_t * side_s / (scale * scale) * counts[j];
         const double d = (side_rate(T, j, q) + dfloor) / side_t + (side_rate(S, j, q) + dfloor) / side_s -

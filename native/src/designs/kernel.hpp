@@ -10,15 +10,15 @@ namespace {
 
 // Conversion of vergences and ray coordinates by an ideal lens and its pixels.
 struct Camera {
-    double f, mu, blur, image, airy;  // airy: per mm of image distance; with a telecentric lens, the disk itself
+    double f, mu, blur, image, airy;  // airy: per mm of image distance; with a telecentric lens, the disc itself
     bool telecentric, scaled, paper;
 
     Camera(const DesignJob& job, const double* number, double rim_ray)
         : f(number[2]), mu(number[6]), telecentric(number[6] > 0), scaled(job.image_radius > 0), paper(job.paper) {
-        const double F = number[3], disk = 2.44e-6 * job.wavelength * F / job.pitch;
+        const double F = number[3], disc = 2.44e-6 * job.wavelength * F / job.pitch;
         blur = telecentric ? mu * mu / (F * job.pitch) : f / (F * job.pitch) * (paper ? f : 1.0);
         image = scaled ? job.image_radius / rim_ray : (telecentric ? mu : 1.0) / job.pitch;
-        airy = telecentric ? disk : disk / f;
+        airy = telecentric ? disc : disc / f;
     }
 
     AreaModel model() const {

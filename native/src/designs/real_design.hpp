@@ -42,8 +42,8 @@ void fill_parabolas(const DesignJob& job, const Lens& lens, const RealAreas& are
 
 // Columns of a design with a real lens at its best focus.
 void focus_real(const DesignJob& job, int design, const Lens& lens, const Workspace& w) {
-    const double disk = 2.44e-6 * job.wavelength * lens.table().f_number / job.pitch;
-    const RealAreas areas(lens, disk, w);
+    const double disc = 2.44e-6 * job.wavelength * lens.table().f_number / job.pitch;
+    const RealAreas areas(lens, disc, w);
     fill_parabolas(job, lens, areas, w);
     const End best = best_vergence(job.search, areas);
     const double q = lens.defocus(best.v), airy = areas.airy(q), floor = 1 + airy * airy;

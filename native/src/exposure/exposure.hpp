@@ -34,7 +34,7 @@ struct Optics {
     float step = 1;
     float reflectance[8] = {1, 0, 0, 0, 0, 0, 0, 0};  // power series in 1 - cos(gamma)
     float natural_vignetting = 0;                     // 1: cos^4 falloff
-    // obscurations, rotationally symmetric about the lens axis: the camera front (a disk at z = body_z, visible in
+    // obscurations, rotationally symmetric about the lens axis: the camera front (a disc at z = body_z, visible in
     // mirrored rays) and a tapered rod from it to the mirror
     float body_z = 0, body_radius = 0, lens_radius = 1;  // lens_radius: of the visible front ring of the lens
     float rod_z[2] = {0, 0}, rod_radius[2] = {0, 0};

@@ -169,7 +169,7 @@ class FullFieldEvaluation:
         ) / (2 * NEAR_CENTRE)
         along = outwards / height[:, None]
         across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-        # the image shift per unit of the aperture coordinates is a linear map; the spot of the unit disk
+        # the image shift per unit of the aperture coordinates is a linear map; the spot of the unit disc
         # has the full width 2 |J^T e| in the direction e
         t, s = (
             2 * np.linalg.norm(np.einsum("nij,ni->nj", aberration, axis), axis=1)

@@ -26,7 +26,7 @@ FITTED = gaussian(FITTED_RINGS)
 
 
 def polynomial_basis(points: Array) -> Array:
-    """Return products of Chebyshev polynomials (n, terms) at points (n, 2) of the disk."""
+    """Return products of Chebyshev polynomials (n, terms) at points (n, 2) of the disc."""
     x, y = (np.polynomial.chebyshev.chebvander(c, DEGREE) for c in points.T)
     i, j = polynomial_orders()
     return x[:, i] * y[:, j]
@@ -92,14 +92,14 @@ MAX_ELLIPSE_DEVIATION = (
 
 
 class PupilLight(NamedTuple):
-    """Cone of light behind a real lens: section in direction cosines, scaled to the unit disk."""
+    """Cone of light behind a real lens: section in direction cosines, scaled to the unit disc."""
 
     points: Array
     """Tangential and sagittal coordinates (n, 2) of rays in the section."""
     area_ratios: Array
     """Ratio (n,) of aperture area to section area."""
     f_numbers: tuple[float, float]
-    """Tangential and sagittal F-number of the disk."""
+    """Tangential and sagittal F-number of the disc."""
     stop: Array | None
     """Clearance (n,) at the stop edge, in stop radii, for a non-elliptical section, or None."""
 
@@ -217,7 +217,7 @@ class Wavefront:
     f_numbers: tuple[float, float]
 
     def at(self, points: Array, soft: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return phase (n,) mm, positions (n, 2) mm and light (n,) at points (n, 2) of the disk.
+        """Return phase (n,) mm, positions (n, 2) mm and light (n,) at points (n, 2) of the disc.
 
         Vignetted points have no light. The edge may be softened over a fraction of the aperture
         radius, for continuous sums over points at this distance.
@@ -312,7 +312,7 @@ class Wavefront:
         return len(self._edges) > 0
 
     def nodes(self, wavelength_mm: float) -> int:
-        """Return the nodes per side for integrals over the disk, according to the phase range."""
+        """Return the nodes per side for integrals over the disc, according to the phase range."""
         return int(
             np.clip(24 + 2 * self.waves(wavelength_mm), CUT_NODES if self.is_vignetted else 32, 400)
         )

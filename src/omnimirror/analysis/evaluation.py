@@ -154,7 +154,7 @@ class Evaluation(Result):
 
     @property
     def airy_px(self) -> float:
-        """Diameter of the Airy disk, px."""
+        """Diameter of the Airy disc, px."""
         return self.sensor.lens.airy_diameter(self.wavelength_nm) / self.sensor.imager.pitch_mm
 
     @property
@@ -296,7 +296,7 @@ def evaluate(
     mode
         ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
     wavelength_nm
-        Wavelength of the Airy disk.
+        Wavelength of the Airy disc.
     image_radius_px
         Radius of the rim image to which the image is scaled, including ``h_px``, ``pixels`` and the
         results; by default the real radius, from lens and pixel pitch.

@@ -35,7 +35,7 @@ from .meridional_imaging import (
 # On the coordinate v of linear blur (1/L0; for a telecentric lens L0), a field angle with images at
 # v_t and v_s has the blurs ``s w_t (v - v_t)`` and ``s w_s (v - v_s)``, where w is the magnification
 # by lens distortion, and one degree of the object has the image size ``g Dh`` by ``g Dw``; s, g and
-# the Airy disk depend on v alone. Therefore the square of each merit is a sum of a few functions of
+# the Airy disc depend on v alone. Therefore the square of each merit is a sum of a few functions of
 # v, common to all field angles, with focus-independent coefficients.
 
 
@@ -51,7 +51,7 @@ class FocusedBlur:
         Image-forming characteristics for the conversion of pixels to degrees.
     omega : (n,) radians
     airy_px
-        Diameter of the Airy disk.
+        Diameter of the Airy disc.
     own_t_px, own_s_px : (n,) px
         Blur of the lens alone.
     """
@@ -88,7 +88,7 @@ class FocusedBlur:
         return np.where(self.imaging.width == 0.0, np.copysign(np.inf, self.t_px * self.s_px), area)
 
     def floored_area(self) -> Array:
-        """Return the blur area (n,), deg^2, with pixel, Airy disk and lens blur in quadrature.
+        """Return the blur area (n,), deg^2, with pixel, Airy disc and lens blur in quadrature.
 
         In contrast to the product of the blurs, it does not vanish with one of its factors.
         """
@@ -128,7 +128,7 @@ class Scales(NamedTuple):
     g: Any
     """Image scale."""
     floor: Any
-    """Sum of the squares of pixel and Airy disk, px^2."""
+    """Sum of the squares of pixel and Airy disc, px^2."""
     has_lens_blur: bool = False
     """True if the lens itself blurs the image, in addition to defocus."""
 
@@ -176,7 +176,7 @@ def _product_area(c: Sides) -> Array:
 
 def _floored_area(c: Sides) -> Array:
     # A^2 = (T + F + own_t^2)(S + F + own_s^2)/(Dh Dw)^2 with squared blurs T, S and the floor F of pixel
-    # and Airy disk: products of T, S, F and 1, sorted by their dependence on the focus
+    # and Airy disc: products of T, S, F and 1, sorted by their dependence on the focus
     t, s = _square(c.t, c.w_t), _square(c.s, c.w_s)
     ones = np.ones((1, len(c.t)))
     terms = [t + s, ones]
@@ -485,7 +485,7 @@ def best_focus(
     mode, image_radius_px
         ``"paper"`` and 500 reproduce the method of the paper.
     wavelength_nm
-        Wavelength of the Airy disk, nm.
+        Wavelength of the Airy disc, nm.
 
     Returns
     -------

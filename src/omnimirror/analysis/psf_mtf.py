@@ -137,7 +137,7 @@ def psf(
 
     Examples
     --------
-    A small aperture in focus produces an Airy disk, with 84 % of the light within the first dark
+    A small aperture in focus produces an Airy disc, with 84 % of the light within the first dark
     ring:
 
     >>> import omnimirror as om
@@ -219,7 +219,7 @@ def _diffraction_density(wave: Wavefront, offset_mm: Array, wavelength_mm: float
     nodes = int(min(wave.nodes(wavelength_mm) + 2 * fringes, 1200))
     psi = (
         np.pi * np.arange(1, nodes + 1) / (nodes + 1)
-    )  # Gauss-Chebyshev of the second kind: rows of the disk
+    )  # Gauss-Chebyshev of the second kind: rows of the disc
     x, weight = np.polynomial.legendre.leggauss(nodes)
     y = np.cos(psi)
     t, s = np.sin(psi)[:, None] * x, np.broadcast_to(y[:, None], (nodes, nodes))
@@ -496,7 +496,7 @@ def geometric_otf(wave: Wavefront, per_mm: Array, axis: int) -> NDArray[np.compl
 
 
 def _all_light(wave: Wavefront, nodes: int) -> float:
-    """Return the integral of the light over the whole disk."""
+    """Return the integral of the light over the whole disc."""
     x, weight = np.polynomial.legendre.leggauss(nodes)
     psi = x * np.pi / 2
     along = np.cos(psi)[:, None] * x

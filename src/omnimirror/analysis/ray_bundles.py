@@ -24,7 +24,7 @@ MAX_RINGS = 500
 
 
 class Pupil(NamedTuple):
-    """Points of the unit disk with their relative areas."""
+    """Points of the unit disc with their relative areas."""
 
     points: Array
     """Points (n, 2)."""
@@ -179,7 +179,7 @@ class Bundles:
     object_distance_mm: Array
     """Distances (k,) from the mirror point of the chief ray to the object."""
     pupil: Pupil
-    """Sampling with n points of the unit disk."""
+    """Sampling with n points of the unit disc."""
     points: Array
     """Mirror points (k, n, 3), beyond the rim on the smooth extension of the mirror."""
     to_pupils: Array

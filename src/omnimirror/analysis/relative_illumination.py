@@ -57,7 +57,7 @@ def illumination(
     """Compute the illumination over the field, ``E = L T integral of R(gamma) cos^4 dA / b0^2``.
 
     The cosine refers to the angle of each ray at the imager, R to that at the mirror: rays are
-    traced from the pixel outwards through every part of the aperture, modelled as a flat disk; rays
+    traced from the pixel outwards through every part of the aperture, modelled as a flat disc; rays
     that miss the mirror or are blocked by lens or housing contribute 0. On the axis this is ``pi L
     T R sin^2(u)`` with ``tan(u) = 1/(2 F_w)``; a lens that obeys the sine condition has ``sin(u) =
     1/(2 F_w)`` instead and therefore a relative excess of 1/(4 F_w^2): 1.4 % at F/4, 11 % at F/1.4.

@@ -174,7 +174,7 @@ def spots(
     --------
     >>> import omnimirror as om
     >>> found = om.spots(om.load_sensor("paper-spherical"), [0, 60, 120])
-    >>> found.rms_radius_px().round(2).ravel()  # of a blur disk, 0.35 of its diameter
+    >>> found.rms_radius_px().round(2).ravel()  # of a blur disc, 0.35 of its diameter
     array([0.37, 0.25, 1.51])
     """
     check_sensor(sensor)

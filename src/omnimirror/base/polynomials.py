@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .typing import Array
 
-# -- Zernike polynomials: Noll's order, RMS 1 over the unit disk (J. Opt. Soc. Am. 66, 207, 1976) ----
+# -- Zernike polynomials: Noll's order, RMS 1 over the unit disc (J. Opt. Soc. Am. 66, 207, 1976) ----
 
 
 def noll(j: int) -> tuple[int, int]:
@@ -36,7 +36,7 @@ def zernike_terms(order: int) -> int:
 
 
 def zernike_values(x: ArrayLike, y: ArrayLike, terms: Sequence[int]) -> Array:
-    """Compute the values (n, t) of Noll's terms at points (n,) of the unit disk.
+    """Compute the values (n, t) of Noll's terms at points (n,) of the unit disc.
 
     >>> zernike_values([0.0, 1.0], [0.0, 0.0], [4])[:, 0].round(4)  # sqrt(3) (2 r^2 - 1)
     array([-1.7321,  1.7321])

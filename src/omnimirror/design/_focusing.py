@@ -1,6 +1,6 @@
 """Focus optimisation: the vergence with the largest margin of the focus-dependent limits.
 
-As functions of the vergence v in focus (1/L0; for a telecentric lens -L0), blur, Airy disk and
+As functions of the vergence v in focus (1/L0; for a telecentric lens -L0), blur, Airy disc and
 image scale have closed forms, and many vergences are evaluated at once: first a scan over the
 vergences of all images, then repeated refinement around the minimum. The cost is
 

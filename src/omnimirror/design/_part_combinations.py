@@ -40,7 +40,7 @@ from .limits import Limit, contrast
 from .ranges import Range, ends, ends_or_none
 from .requirements import MAX_FOCUS, Requirements
 
-AIRY_MM = 2.44 * 550e-6  # diameter of the Airy disk over the F-number
+AIRY_MM = 2.44 * 550e-6  # diameter of the Airy disc over the F-number
 ROOM = 1 + 1e-9  # rounding tolerance of bounds
 
 
@@ -171,7 +171,7 @@ class PartsBounds:
 
     @property
     def airy_px(self) -> float:
-        """Smallest diameter of the Airy disk."""
+        """Smallest diameter of the Airy disc."""
         return AIRY_MM * ends(self.own.lens.f_number)[0] / self.own.imager.pitch_mm
 
     @property

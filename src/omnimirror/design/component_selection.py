@@ -26,8 +26,8 @@ from .catalogue import Catalogue, ImagerComponent, LensComponent, TelecentricCom
 # -- F-number and focus that minimise combined defocus blur and diffraction over the field ---------
 #
 # A large aperture increases defocus blur, a small one diffraction. The blur diameter on the imager is
-# proportional to 1/F and the Airy disk diameter to F; they are added in quadrature. For a given
-# focus, with the largest blur ``B/F`` over the field and the Airy disk ``a F``, the minimum of
+# proportional to 1/F and the Airy disc diameter to F; they are added in quadrature. For a given
+# focus, with the largest blur ``B/F`` over the field and the Airy disc ``a F``, the minimum of
 # ``sqrt((B/F)^2 + (a F)^2)`` is ``sqrt(2 a B)``, at ``F = sqrt(B/a)``, the F-number of equal
 # contributions.
 
@@ -44,7 +44,7 @@ class BestAperture(Result):
     side
         Minimised blur: tangential, sagittal, or the larger of both.
     worst_px
-        Root sum of squares of blur and Airy disk at the worst field angle.
+        Root sum of squares of blur and Airy disc at the worst field angle.
     blur_px, airy_px
         Contributions of defocus and diffraction.
     """
@@ -69,8 +69,8 @@ def best_apertures(
 ) -> list[BestAperture]:
     """Compute the optimal F-number and focus for tangential, sagittal and combined blur.
 
-    The merit is the root sum of squares of defocus blur and Airy disk at the worst field angle, in
-    pixels. For a focus with the largest blur B/F and the Airy disk a F, its minimum is sqrt(2 a B),
+    The merit is the root sum of squares of defocus blur and Airy disc at the worst field angle, in
+    pixels. For a focus with the largest blur B/F and the Airy disc a F, its minimum is sqrt(2 a B),
     at F = sqrt(B/a).
 
     Parameters
@@ -85,7 +85,7 @@ def best_apertures(
     mode
         ``"exact"`` blur (Eq. 28), or ``"paper"`` (Eq. 29).
     wavelength_nm
-        Wavelength of the Airy disk, nm.
+        Wavelength of the Airy disc, nm.
     omega_min_deg
         Smallest field angle considered, deg.
 
@@ -144,7 +144,7 @@ def _best(side: str, study: FocusStudy, f_range: tuple[float, float]) -> BestApe
         blur = study.at(focus)
         t, s = float(np.abs(blur.t_px).max()), float(np.abs(blur.s_px).max())
         open_ = {"tangential": t, "sagittal": s, "together": max(t, s)}[side]
-        # (B/F)^2 + (a F)^2 is stationary at F^2 = B/a; B and a are blur and Airy disk at F = 1.
+        # (B/F)^2 + (a F)^2 is stationary at F^2 = B/a; B and a are blur and Airy disc at F = 1.
         F = float(np.clip(np.sqrt(open_ / blur.airy_px), *f_range))
         return BestAperture(
             side,

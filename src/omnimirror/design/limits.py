@@ -30,7 +30,7 @@ from .merits import OF_THE_WHOLE, FieldValues
 
 Array = NDArray[Any]
 
-AIRY = 2.44  # diameter of the Airy disk in wavelengths times the F-number
+AIRY = 2.44  # diameter of the Airy disc in wavelengths times the F-number
 NODES, PER_RADIAN = (
     24,
     0.5,
@@ -43,7 +43,7 @@ def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
     Parameters
     ----------
     blur_px, airy_px : (...,)
-        Signed geometric blur along the modulation, and Airy disk, px; or complex arrays, whose
+        Signed geometric blur along the modulation, and Airy disc, px; or complex arrays, whose
         imaginary parts are derivatives.
     cycles_per_px
         Spatial frequency on the imager.
@@ -73,9 +73,9 @@ def contrast(blur_px: Array, airy_px: Array, cycles_per_px: float) -> Array:
 # A quantity is evaluated at its worst field angle in a part of the field. The same definition is used
 # for the requirement table of a design and for the constraint rows of an optimiser, real or complex.
 #
-# Limits of blur refer to the total blur on the imager: the geometric blur (Eq. 28) and the Airy disk,
+# Limits of blur refer to the total blur on the imager: the geometric blur (Eq. 28) and the Airy disc,
 # added in quadrature, ``sqrt(blur^2 + Airy^2)``; in angle both divided by Dh or Dw. Without the Airy
-# disk, a sufficiently small aperture would always satisfy a limit of blur.
+# disc, a sufficiently small aperture would always satisfy a limit of blur.
 
 Takes = Literal["largest", "smallest", "spread", "ratio"]
 
@@ -106,7 +106,7 @@ class Limitable:
     is_sharpness
         True if it depends on the focus, except through the image scale.
     is_blur
-        True for a blur combined with the Airy disk, which depends on the F-number.
+        True for a blur combined with the Airy disc, which depends on the F-number.
     is_scale
         True if it scales with the image, whose size also depends on the focus.
     of_frequency
@@ -206,8 +206,8 @@ def _beside(rows: list[Array]) -> Array:
     return np.concatenate(np.broadcast_arrays(*rows), axis=-1)
 
 
-Disk = Callable[[FieldValues], tuple[Array, Array]]
-"""Signed blur, and the Airy disk combined with the lens blur in the same unit."""
+Disc = Callable[[FieldValues], tuple[Array, Array]]
+"""Signed blur, and the Airy disc combined with the lens blur in the same unit."""
 
 
 def _in_quadrature(blur: Array, airy: Array) -> Array:
@@ -215,15 +215,15 @@ def _in_quadrature(blur: Array, airy: Array) -> Array:
     return length
 
 
-def _total_blur(name: str, *disks: Disk) -> Limitable:
-    """Return the largest total blur of several disks; the signed blurs are the straight rows."""
+def _total_blur(name: str, *discs: Disc) -> Limitable:
+    """Return the largest total blur of several discs; the signed blurs are the straight rows."""
     return Limitable(
         QUANTITIES[name],
-        lambda f: tuple(_in_quadrature(*disk(f)) for disk in disks),
+        lambda f: tuple(_in_quadrature(*disc(f)) for disc in discs),
         "largest",
         is_sharpness=True,
         is_blur=True,
-        straight=lambda f: tuple(sign * disk(f)[0] for disk in disks for sign in (1, -1)),
+        straight=lambda f: tuple(sign * disc(f)[0] for disc in discs for sign in (1, -1)),
     )
 
 
@@ -252,10 +252,10 @@ def _mtf(name: str, *sides: Callable[[FieldValues], Array]) -> Limitable:
     )
 
 
-T_PX: Disk = lambda f: (f.t_px, f.disk_t_px)  # noqa: E731 - a table of four
-S_PX: Disk = lambda f: (f.s_px, f.disk_s_px)  # noqa: E731
-T_DEG: Disk = lambda f: (f.t_deg, f.disk_t_px / f.dh)  # noqa: E731
-S_DEG: Disk = lambda f: (f.s_deg, f.disk_s_px / f.dw)  # noqa: E731
+T_PX: Disc = lambda f: (f.t_px, f.disk_t_px)  # noqa: E731 - a table of four
+S_PX: Disc = lambda f: (f.s_px, f.disk_s_px)  # noqa: E731
+T_DEG: Disc = lambda f: (f.t_deg, f.disk_t_px / f.dh)  # noqa: E731
+S_DEG: Disc = lambda f: (f.s_deg, f.disk_s_px / f.dw)  # noqa: E731
 
 
 _BUILT_IN: dict[str, Limitable] = {

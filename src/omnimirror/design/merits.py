@@ -53,7 +53,7 @@ class FieldValues(NamedTuple):
     sag: Array
     """Axial height of the mirror, mm."""
     airy_px: Array
-    """Diameter of the Airy disk, px."""
+    """Diameter of the Airy disc, px."""
     light: Array
     """Relative illumination of the lens."""
     own_t_px: Array
@@ -112,7 +112,7 @@ class FieldValues(NamedTuple):
 
     @property
     def disk_t_px(self) -> Array:
-        """Focus-independent blur: Airy disk and tangential blur of the lens alone."""
+        """Focus-independent blur: Airy disc and tangential blur of the lens alone."""
         return _in_quadrature(self.airy_px, self.own_t_px)
 
     @property

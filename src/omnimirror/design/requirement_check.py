@@ -352,13 +352,13 @@ def _remarks(
 def _diffraction(
     limit: Limit, fields: list[tuple[FieldValues, Array]], sensor: Sensor
 ) -> list[str]:
-    """Return a remark if the Airy disk alone exceeds a limit of blur."""
+    """Return a remark if the Airy disc alone exceeds a limit of blur."""
     if limit.at_most is None or not limit.of.is_blur:
         return []
     sharp = (field._replace(t_px=0 * field.t_px, s_px=0 * field.s_px) for field, _ in fields)
     minimum = max(limit.of.extreme(field, True)[0] for field in sharp)
     real = "" if sensor.lens.IS_THIN else " with the blur of the lens"
-    remark = f"the Airy disk{real} alone is {minimum:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
+    remark = f"the Airy disc{real} alone is {minimum:.4g} {limit.of.unit} at F/{sensor.lens.stop_number:.4g}"
     return [remark] if minimum > limit.at_most else []
 
 

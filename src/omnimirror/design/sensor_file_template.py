@@ -89,7 +89,7 @@ image_flipped = false  # true if the driver delivers images mirrored left to rig
 # [mirror_pose]  # misalignment of the mirror; camera frame, tilts about the vertex
 {_entries(MirrorPose.PARAMETERS)}
 
-# [mirror_form]  # form error of the mirror: Zernike terms over the disk of the rim (Noll indices), um rms
+# [mirror_form]  # form error of the mirror: Zernike terms over the disc of the rim (Noll indices), um rms
 # zernike = [5, 8]
 # um = [0.3, -0.1]
 

@@ -87,7 +87,7 @@ def _recurrence(count: int, dimensions: int) -> Array:
 
 
 def sample_positions(samples: Samples, columns: ArrayLike, rows: ArrayLike) -> tuple[Array, Array]:
-    """Return pixels (..., n, 2) and aperture points (..., n, 2) of the unit disk, for pixels given
+    """Return pixels (..., n, 2) and aperture points (..., n, 2) of the unit disc, for pixels given
     by column and row.
 
     Shifts are a hash of the pixel, as in the compiled kernels (Wellons, "lowbias32").
@@ -292,7 +292,7 @@ class TracedRays(NamedTuple):
 def trace_to_scene(
     sensor: Sensor, pixels: Array, pupil: Array, radiometry: Radiometry
 ) -> TracedRays:
-    """Trace rays of pixels (n, 2) through points (n, 2) of the unit disk of the aperture, in double
+    """Trace rays of pixels (n, 2) through points (n, 2) of the unit disc of the aperture, in double
     precision.
     """
     start, towards = sensor.lens_rays(pixels, pupil)

@@ -384,7 +384,7 @@ def test_removed_blur_does_not_exceed_actual_blur(
 
 
 def _disk(diameter_px: float):
-    """Return the kernel of a disk, supersampled, of unit sum."""
+    """Return the kernel of a disc, supersampled, of unit sum."""
     place = (np.arange(15 * 8) - 59.5) / 8
     inside = np.hypot(*np.meshgrid(place, place)) <= diameter_px / 2
     kernel = inside.reshape(15, 8, 15, 8).mean(axis=(1, 3))

@@ -85,11 +85,11 @@ def until(state) -> None:
         time.sleep(0.02)
 
 
-def picture_of(film) -> np.ndarray:
+def image_of(film) -> np.ndarray:
     return image_of_frame(next(VideoReader(str(film), with_audio=False).frames()))
 
 
-def as_picture(jpeg: bytes) -> np.ndarray:
+def decoded_image(jpeg: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 
@@ -105,13 +105,13 @@ def test_image_equals_the_dewarper(gateway, camera, film, name):
     with served(create_app(gateway, None)) as address:
         answer = httpx.get(f"{address}{name}.jpg", timeout=300)
     assert answer.headers["content-type"] == "image/jpeg"
-    straight = om.Dewarper(camera, VIEWS[name](camera))(picture_of(film))
-    assert off(as_picture(answer.content), straight) < 2.5
+    straight = om.Dewarper(camera, VIEWS[name](camera))(image_of(film))
+    assert off(decoded_image(answer.content), straight) < 2.5
 
 
 @pytest.mark.parametrize("suffix", few(PLAYERS, "ts"))
 def test_ffmpeg_decodes_all_stream_types(gateway, camera, film, suffix):
-    straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
+    straight = om.Dewarper(camera, VIEWS["front"](camera))(image_of(film))
     with (
         served(create_app(gateway, None)) as address,
         av.open(f"{address}front.{suffix}", timeout=300) as player,
@@ -258,7 +258,7 @@ def test_rotation_of_a_video_is_applied_unless_frames_are_requested_as_stored(tm
         str(film), False, ball, views, on_status=told.append, stored_orientation=stored
     )
     with served(create_app(gateway, None)) as address:
-        shown = as_picture(httpx.get(f"{address}front.jpg", timeout=300).content)
+        shown = decoded_image(httpx.get(f"{address}front.jpg", timeout=300).content)
     expected = om.Dewarper(ball, views["front"](ball))(np.ascontiguousarray(frame))
     assert off(shown, expected) < 6
     assert [
@@ -298,9 +298,11 @@ def test_steered_view_equals_the_dewarper(gateway, camera, film):
             1.0,
         )
         straight = om.Dewarper(camera, om.screens.Plane((128, 96), 80.0, -20.0, hfov_deg=60.0))(
-            picture_of(film)
+            image_of(film)
         )
-        assert off(as_picture(httpx.get(f"{address}eye.jpg", timeout=300).content), straight) < 2.5
+        assert (
+            off(decoded_image(httpx.get(f"{address}eye.jpg", timeout=300).content), straight) < 2.5
+        )
         status = httpx.post(eye, json={"pan_deg": 10.0, "zoom": 1.2, "relative": True}).json()
         assert status["pan_deg"] == 90.0
         assert np.tan(np.radians(30)) / np.tan(np.radians(status["hfov_deg"] / 2)) == pytest.approx(
@@ -449,7 +451,7 @@ def shown_by_vlc(url: str) -> np.ndarray:
 def test_vlc_plays_all_stream_types(gateway, camera, film, suffix):
     if not shutil.which("cvlc"):
         pytest.skip("VLC is not installed: make programs")
-    straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
+    straight = om.Dewarper(camera, VIEWS["front"](camera))(image_of(film))
     with served(create_app(gateway, "secret")) as address:
         shown = shown_by_vlc(
             address.replace("http://", "http://viewer:secret@") + f"front.{suffix}"

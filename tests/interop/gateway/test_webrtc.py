@@ -15,7 +15,7 @@ from omnimirror.interop.gateway.routes import create_app
 from omnimirror.io.video_frames import image_of_frame
 from tests.serving import in_a_loop, served
 
-from .test_gateway import VIEWS, camera, film, off, picture_of, until
+from .test_gateway import VIEWS, camera, film, image_of, off, until
 
 __all__ = ["camera", "film"]
 
@@ -51,7 +51,7 @@ def test_player_receives_the_view_and_disconnects(gateway, camera, film):
         received, end = in_a_loop(watched(address, 20))
         assert end.status_code == 200
         until(lambda: gateway.views["front"].clients == 0)
-    straight = om.Dewarper(camera, VIEWS["front"](camera))(picture_of(film))
+    straight = om.Dewarper(camera, VIEWS["front"](camera))(image_of(film))
     assert off(received, straight) < 6  # low initial bit rate
 
 

@@ -299,7 +299,7 @@ def test_accuracy_of_camera_info_is_reported(sensor, ride, tmp_path):
 @pytest.mark.parametrize(
     "compression", [CompressionMode.NONE, CompressionMode.MESSAGE, CompressionMode.FILE]
 )
-def test_storage_of_the_source_is_kept(sensor, images, tmp_path, storage, compression):
+def test_source_storage_is_preserved(sensor, images, tmp_path, storage, compression):
     messages = [raw(s, "rgb8", p) for s, p in zip(STAMPS, images, strict=True)]
     bag = write(tmp_path / "ride", {TOPIC: messages}, storage, compression)
     om.dewarp_bag(bag, tmp_path / "views", camera=sensor, views=VIEWS)

@@ -200,7 +200,7 @@ def test_initial_values_are_a_grid_over_the_screen(size, monkeypatch):
         om.screens.Cylinder((20, 200), -8.0, 8.0, distance_mm=900.0),
     ],
 )
-def test_elongated_pixels_are_hit_everywhere(view):
+def test_elongated_pixels_are_sampled_uniformly(view):
     width, height = view.size
     u, v = (
         a.ravel()

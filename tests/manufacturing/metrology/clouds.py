@@ -16,11 +16,11 @@ TERMS = {
     14: lambda x, y: np.sqrt(10) * (x**4 - 6 * x * x * y * y + y**4),
     22: lambda x, y: np.sqrt(7) * (20 * (r := x * x + y * y) ** 3 - 30 * r**2 + 12 * r - 1),
 }
-"""Textbook formulas of Noll's terms on the unit disk."""
+"""Textbook formulas of Noll's terms on the unit disc."""
 
 
 def places(rim_mm: float, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return points distributed uniformly over the disk."""
+    """Return points distributed uniformly over the disc."""
     r, phi = rim_mm * np.sqrt(rng.uniform(0, 1, count)), rng.uniform(0, 2 * np.pi, count)
     return r * np.cos(phi), r * np.sin(phi)
 

@@ -197,7 +197,7 @@ def machine(monkeypatch):
 
 
 @pytest.mark.parametrize("suffix", readers.MACHINES)
-def test_a_grid_of_heights_in_mm_without_the_points_not_measured(suffix, machine, tmp_path):
+def test_height_grid_in_mm_omits_unmeasured_points(suffix, machine, tmp_path):
     """Heights of a plane of known tilt, 3 by 4 points with spacings of 1 mm and 2 mm."""
     x, y = np.mgrid[:3, :4]
     heights = 1e-6 * (5 * x - 2 * y)
@@ -214,7 +214,7 @@ def test_a_grid_of_heights_in_mm_without_the_points_not_measured(suffix, machine
     np.testing.assert_allclose(om.read_points(path), expected, rtol=0, atol=1e-12)
 
 
-def test_the_first_512_bytes_tell_a_grid_sag_from_a_machines_file(machine, tmp_path):
+def test_file_type_is_detected_from_first_512_bytes(machine, tmp_path):
     machine(Reader(np.zeros((2, 2))))
     path = tmp_path / "a.dat"
     path.write_bytes(b" " * 511 + b"\xff")
@@ -227,7 +227,7 @@ def test_the_first_512_bytes_tell_a_grid_sag_from_a_machines_file(machine, tmp_p
 @pytest.mark.parametrize(
     ("points", "is_read"), [((4000, 5000), True), ((1, 20_000_001), False), ((5001, 4000), False)]
 )
-def test_a_grid_has_at_most_20_million_points(points, is_read, machine, tmp_path):
+def test_grid_is_limited_to_20_million_points(points, is_read, machine, tmp_path):
     machine(Reader(np.zeros((2, 3)), points))
     (tmp_path / "a.opd").write_bytes(b"\1")
     if is_read:
@@ -241,7 +241,7 @@ def test_a_grid_has_at_most_20_million_points(points, is_read, machine, tmp_path
         om.read_points(tmp_path / "a.opd")
 
 
-def test_a_machines_file_has_at_most_256_mb(machine, tmp_path):
+def test_instrument_file_is_limited_to_256_mb(machine, tmp_path):
     machine(Reader(np.zeros((2, 3))))
     with open(tmp_path / "a.sur", "wb") as file:
         file.truncate(256 * 1024**2)

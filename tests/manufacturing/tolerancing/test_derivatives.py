@@ -184,7 +184,7 @@ class Rays:
         )
         return pixels + np.stack([self.of("imager.shift_x_px"), self.of("imager.shift_y_px")], -1)
 
-    def on_leaning(self, t):
+    def on_tilted(self, t):
         """Return the same for a tilted imager: rays ``b (t + p/f) - p`` at depth b intersect its
         plane.
         """

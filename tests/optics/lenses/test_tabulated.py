@@ -371,13 +371,13 @@ def passing(lens, tangent, side=1201):
     """Return pupil points (n, 2), in pupil radii, whose rays to a focused point pass the barrel,
     and the total number."""
     u = np.linspace(-1, 1, side)
-    disk = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
-    disk = disk[np.hypot(*disk.T) <= 1]
+    disc = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    disc = disc[np.hypot(*disc.T) <= 1]
     distance = lens.focus_distance_mm - 6.0
     point = np.array([tangent * distance, 0.0])
-    start = disk * lens.aperture_radius
+    start = disc * lens.aperture_radius
     there = start + (point - start) * AHEAD / distance
-    return disk[np.hypot(*there.T) <= BARREL / 2], len(disk)
+    return disc[np.hypot(*there.T) <= BARREL / 2], len(disc)
 
 
 def test_barrel_vignetting_matches_rays():
@@ -417,8 +417,8 @@ def test_opening_of_barrel_matches_sampled_pupil(diameter):
     focus, ahead = lens.focus_distance_mm - pupil, lens.barrel_mm - pupil
     u = np.linspace(-1, 1, 1001)
     x, y = (a.ravel() for a in np.meshgrid(u, u))
-    disk = np.hypot(x, y) <= 1
-    x, y = x[disk], y[disk]
+    disc = np.hypot(x, y) <= 1
+    x, y = x[disc], y[disc]
     radius = lens.aperture_radius
     open_angles, expected = [], []
     for k, (t, s, a) in enumerate(zip(tangent, focus, ahead, strict=True)):
@@ -524,7 +524,7 @@ def behind_pane(points, slopes):
     return left - (AT + PANE) * slopes
 
 
-def off_the_ball(start, slopes, pupil_z, radius):
+def outside_ball(start, slopes, pupil_z, radius):
     """Return directions (n, 3) of rays reflected by a ball with its vertex at 0, z from the lens
     outwards."""
     p = np.column_stack([start, np.full(len(start), pupil_z)])
@@ -548,7 +548,7 @@ def test_pane_matches_refracted_rays():
         y = lens.aperture_radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
         point = np.array([tangent * lens.from_pupil, 0.0])
         slopes = (point - y) / lens.from_pupil
-        out = off_the_ball(behind_pane(y, slopes), slopes, z, radius)
+        out = outside_ball(behind_pane(y, slopes), slopes, z, radius)
         omega = np.degrees(np.arctan2(out[:, 0], -out[:, 2]))
         found, without = (om.evaluate(s, [omega[0]]) for s in (paned, bare))
         height = lens.principal_distance * tangent / sensor.imager.pitch_mm

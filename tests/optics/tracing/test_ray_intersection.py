@@ -177,7 +177,7 @@ def test_rays_from_the_surface(mirror):
         np.testing.assert_allclose(hits.distance, 0.0, atol=1e-12)
 
 
-def test_a_tangent_ray_from_the_surface_does_not_meet_it():
+def test_tangent_ray_from_surface_does_not_intersect_it():
     bowl = EvenPolynomial((0.5, 0.1), 10.0, 10.0)
     assert not _ray_intersection.intersect(bowl, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).valid.any()
 

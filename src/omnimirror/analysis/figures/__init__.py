@@ -95,7 +95,7 @@ FIGURES: dict[str, FigureSpec] = {
             "Blur",
             "Tangential (solid) and sagittal (dashed) blur for distant objects in pixels (a) and in the angle of "
             "the object (b), signed: positive beyond the focus. (c) Their product, the paper's blur area (solid), "
-            "and the area with a pixel and the Airy disk added to each side (dotted).",
+            "and the area with a pixel and the Airy disc added to each side (dotted).",
             curves.blur,
         ),
         FigureSpec(

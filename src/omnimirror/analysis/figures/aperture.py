@@ -36,7 +36,7 @@ DARKEST_SHADE = 1e-4  # relative to the peak, the darkest shade of a PSF
 
 
 def spot_matrix(spots: Spots, airy_px: float) -> Figure:
-    """Draw spots at one scale with pixel grid and Airy disk, by field angle and focus."""
+    """Draw spots at one scale with pixel grid and Airy disc, by field angle and focus."""
     objects, focuses, _ = spots.t_px.shape
     cells = [(i, j) for i in range(objects) for j in range(focuses)]
     columns = focuses if focuses > 1 else min(objects, 5)
@@ -62,7 +62,7 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
                 ax.set_xlabel(f"L$_0$ = {spots.focus_mm[j]:.5g} mm")
         grid = "squares are pixels, " if half <= MAX_GRID_PX else f"side {2 * half:.3g} px, "
         figure.supxlabel(
-            f"tangential → right; {grid}circle: Airy disk", fontsize=text_size(6), color=GREY
+            f"tangential → right; {grid}circle: Airy disc", fontsize=text_size(6), color=GREY
         )
     return figure
 

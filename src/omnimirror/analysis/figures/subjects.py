@@ -32,7 +32,7 @@ class Conditions:
     object_distance_mm
         Object distance from the mirror, for virtual images and blur.
     wavelength_nm, tolerance_px
-        Wavelength of the Airy disk; permissible blur of the depth of field.
+        Wavelength of the Airy disc; permissible blur of the depth of field.
     """
 
     mode: BlurMode = "exact"

@@ -151,8 +151,8 @@ def overshoot_limits(noise: float, *, is_coded: bool) -> tuple[float, float]:
 
 # -- Upper limit of the blur from the steepness of edges and from the fineness of texture ----------
 #
-# Edges: between adjacent pixels, a step edge blurred by a disk of diameter d rises by at most the
-# fraction F(d) of its height, the maximum of the line-spread function of disk and pixel:
+# Edges: between adjacent pixels, a step edge blurred by a disc of diameter d rises by at most the
+# fraction F(d) of its height, the maximum of the line-spread function of disc and pixel:
 #   F(d) = int 8 / (pi d^2) sqrt(d^2 / 4 - x^2) max(0, 1 - |x|) dx
 # Edges that are steeper than F(d) prove a smaller blur. Edges of the scene may be soft, and most do
 # not lie between two pixels; therefore a high quantile of the edges determines the blur.
@@ -287,7 +287,7 @@ def _steepest_rise() -> tuple[Array, Array]:
     """
     diameters = np.linspace(0, MAX_WIDTH_PX * FRACTIONS[-1], 105)
     x = np.linspace(-1, 1, 2001)[:, None]
-    # Fraction of the disk beyond a chord at the distance x: the integral of its line-spread function
+    # Fraction of the disc beyond a chord at the distance x: the integral of its line-spread function
     ratio = np.clip(2 * x / np.maximum(diameters, 1e-6), -1, 1)
     spread = 0.5 + (ratio * np.sqrt(1 - ratio**2) + np.arcsin(ratio)) / np.pi
     # Integration by parts: int LSF(x) (1 - |x|) dx = int ESF(x) sign(x) dx over -1 to 1

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 # -- Blur kernels: from a sharp image on a fine grid to the pixels of a defocused sensor -----------
 #
-# A lens with a circular aperture images a defocused point to an elliptic disk whose radial axis is
+# A lens with a circular aperture images a defocused point to an elliptic disc whose radial axis is
 # the tangential blur and whose other axis is the sagittal blur (Eqs. 34-36 of Ohte and Tsuzuki). Each
-# pixel is therefore the mean of the sharp image over such a disk, convolved with the pixel area.
+# pixel is therefore the mean of the sharp image over such a disc, convolved with the pixel area.
 
 IndexArray = NDArray[np.int32]
 
@@ -40,7 +40,7 @@ STEEP_PX = 0.65
 TILE_PX = 152  # maximum side of independently solved tiles: a few megabytes, which fit into caches
 RING_PX = 2.0  # width of rings with one kernel per direction
 TURNS = 64  # directions over half a turn: the ends of a 10 px blur are within 0.25 px
-POINTS_PER_PX2 = 16  # samples on the disk
+POINTS_PER_PX2 = 16  # samples on the disc
 ROUNDED = 1 - 1e-9
 
 
@@ -284,7 +284,7 @@ def _whole(numbers: NDArray[Any]) -> IndexArray:
 def _kernels(
     tangential: float, sagittal: float, turns: Array, fineness: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """Return the kernels of a disk at angles (n,), convolved with the pixel: number of offsets per
+    """Return the kernels of a disc at angles (n,), convolved with the pixel: number of offsets per
     kernel, offsets (m, 2) down and right on the fine grid, column by column, and weights (m,).
     """
     count = max(32, int(np.ceil(POINTS_PER_PX2 * tangential * sagittal)))
@@ -316,7 +316,7 @@ def _kernels(
 
 
 def _sunflower(count: int) -> Array:
-    """Return points (count, 2) distributed uniformly on the unit disk (Vogel's spiral)."""
+    """Return points (count, 2) distributed uniformly on the unit disc (Vogel's spiral)."""
     i = np.arange(count)
     radius, angle = np.sqrt((i + 0.5) / count), i * np.pi * (3 - np.sqrt(5))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)

@@ -1,6 +1,6 @@
 """Form error of a measured mirror, separated from its alignment and from measurement noise.
 
-Axial heights above the nominal mirror are fitted by Zernike terms over the disk of the rim:
+Axial heights above the nominal mirror are fitted by Zernike terms over the disc of the rim:
 rotationally symmetric terms up to a high order, others up to an order that the data support.
 Uncorrelated residuals of neighbouring points are noise; correlated residuals are reported as
 unexplained. Effects of a shift or tilt belong to the alignment, also if a form error would explain
@@ -53,7 +53,7 @@ class FormTerm:
     noll
         Noll index.
     um
-        RMS amplitude over the disk, along the axis.
+        RMS amplitude over the disc, along the axis.
     sigma_um
         Standard uncertainty.
     """
@@ -180,12 +180,12 @@ class FormError(Result):
 
     @property
     def rms_um(self) -> float:
-        """RMS of the terms over the disk, without their mean."""
+        """RMS of the terms over the disc, without their mean."""
         return float(self._map[0].std())
 
     @property
     def peak_to_valley_um(self) -> float:
-        """Peak-to-valley value of the terms over the disk."""
+        """Peak-to-valley value of the terms over the disc."""
         return float(np.ptp(self._map[0]))
 
     @property

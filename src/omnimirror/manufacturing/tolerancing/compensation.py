@@ -232,7 +232,7 @@ class Reference:
     refocus
         Refocusing mode.
     floor_px2
-        Contribution of pixel and Airy disk to the squared blur.
+        Contribution of pixel and Airy disc to the squared blur.
     """
 
     field: Field

@@ -45,7 +45,7 @@ class RandomFigure:
     orders
         First and last Zernike order; order 2 has one period over the mirror.
     rms_um, peak_to_valley_um, slope_mrad
-        Exactly one amplitude over the disk of the rim, along the axis; the slope is the RMS of its
+        Exactly one amplitude over the disc of the rim, along the axis; the slope is the RMS of its
         magnitude.
 
     Raises
@@ -110,7 +110,7 @@ class RandomFigure:
 
 
 def _places() -> Array:
-    """Return grid points (n, 2) of the unit disk."""
+    """Return grid points (n, 2) of the unit disc."""
     x, y = (v.ravel() for v in np.meshgrid(*2 * [np.linspace(-1, 1, GRID)]))
     places: Array = np.stack([x, y], axis=-1)[np.hypot(x, y) <= 1]
     return places

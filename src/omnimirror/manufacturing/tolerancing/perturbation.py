@@ -1,7 +1,7 @@
 """Error sources of a sensor and sensors with these errors.
 
 Values are added to nominal parameters. Decentres and tilts of the mirror are those of
-:class:`omnimirror.optics.mirrors.as_built.MirrorPose`. Form errors are Noll Zernike terms over the disk of the
+:class:`omnimirror.optics.mirrors.as_built.MirrorPose`. Form errors are Noll Zernike terms over the disc of the
 rim, in um RMS along the axis. The imager rotates about its centre.
 """
 

@@ -6,7 +6,7 @@ area of a mirror point is
     A^2 = D(v) ((v - v_t)^2 + r(v)) ((v - v_s)^2 + r(v)) / (M_t M_s)^2
 
 with the vergences v_t and v_s of its images, its angular magnifications M_t and M_s, and functions
-r and D of the camera (a pixel and the Airy disk relative to the aperture blur; the image scale),
+r and D of the camera (a pixel and the Airy disc relative to the aperture blur; the image scale),
 which are constant for a telecentric lens. The maximum over the field is sampled; in the best
 valley, the tangents of the worst points on both sides are intersected until convergence. Other
 valleys are refined if the tangents at the samples indicate a comparable minimum. The compiled
@@ -55,7 +55,7 @@ class AreaModel:
 
     ``r = scale (b^2 + a^2)``, divided by b^2 in the paper's mode, and ``D = delta b^(4 power)``.
     Arrays are (n, 1); ``bounds`` are the vergences of the focus range. For a telecentric lens r and
-    D are constant: the paper's mode without the Airy disk.
+    D are constant: the paper's mode without the Airy disc.
     """
 
     inverse_f: Array
@@ -331,7 +331,7 @@ def _maximum(
     j = areas.argmax(axis=1)
     flat_index = j + np.arange(len(j)) * areas.shape[1]
     # A^2 = D (t^2 + r)(s^2 + r)/(M_t M_s)^2 with t = v - v_t, s = v - v_s and the floor r(v) of pixel
-    # and Airy disk; its derivative is A^2 times the sum of the logarithmic derivatives
+    # and Airy disc; its derivative is A^2 times the sum of the logarithmic derivatives
     t, s = v - vergence_t.take(flat_index)[:, None], v - vergence_s.take(flat_index)[:, None]
     value = D * areas.take(flat_index)[:, None]
     return (

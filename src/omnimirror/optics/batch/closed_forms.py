@@ -200,7 +200,7 @@ class FocusedCamera(Protocol):
         ...
 
     def airy_px(self, v: Array) -> Array:
-        """Compute the diameter of the Airy disk, px."""
+        """Compute the diameter of the Airy disc, px."""
         ...
 
 
@@ -782,7 +782,7 @@ class RealCamera:
 
     @property
     def airy_line(self) -> tuple[float, float]:
-        """Diameter of the Airy disk, px, as a linear function of q."""
+        """Diameter of the Airy disc, px, as a linear function of q."""
         lens = self.tables
         axis = 2.44e-6 * self.wavelength_nm * lens.f_number / self.pitch_mm
         return axis, axis * (1 - lens.pupil_from_principal_mm / lens.focal_length_mm)
@@ -793,7 +793,7 @@ class RealCamera:
         return airy
 
     def floor(self, q: Array) -> tuple[Array, Array]:
-        """Return the squared pixel and Airy disk, px^2, and the derivative with respect to q."""
+        """Return the squared pixel and Airy disc, px^2, and the derivative with respect to q."""
         axis, slope = self.airy_line
         airy = axis + slope * q
         return 1 + airy * airy, 2 * airy * slope

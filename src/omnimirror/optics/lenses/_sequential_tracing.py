@@ -440,7 +440,7 @@ def _own_blur(
         len(t), -1, 2
     )
     image = _through(traced, t, pupil_position, focus, pupil).image.reshape(*pupil.shape)
-    # rings of equal area: each ray represents the sector area edge^2; a uniform disk has a standard
+    # rings of equal area: each ray represents the sector area edge^2; a uniform disc has a standard
     # deviation of a quarter of its diameter
     weight = np.tile(edge**2, (1, RINGS))
     weight /= weight.sum(axis=1, keepdims=True)

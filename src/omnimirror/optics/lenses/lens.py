@@ -1,6 +1,6 @@
 """Lens interface, entrance pupil, and ideal lenses: image height and blur of the virtual image.
 
-A lens is described in object space: chief rays pass through its entrance pupil, a flat disk; blur
+A lens is described in object space: chief rays pass through its entrance pupil, a flat disc; blur
 then needs no obliquity factor. Focusing changes only the image distance b0 (internal focusing, as in
 the paper); principal point and pupil are fixed. Object distances ``L`` are measured along the axis
 from the lens's reference point: the principal point of a perspective lens (Eqs. 34, 35), the mirror
@@ -77,7 +77,7 @@ IN_REFERENCE_POINT = EntrancePupil()
 # -- Lens interface --------------------------------------------------------------------------------
 #
 # A lens is described in object space: chief rays pass through its entrance pupil,
-# a flat disk; blur then needs no obliquity factor.
+# a flat disc; blur then needs no obliquity factor.
 
 BlurMode = Literal["exact", "paper"]
 """``"exact"`` is Eq. 28; ``"paper"`` Eq. 29, which neglects f against L0 (5.5-6.1 % less)."""
@@ -197,7 +197,7 @@ class Lens(ABC):
 
     @abstractmethod
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> Array:
-        """Return entrance-pupil points (n, 3), mm, for points (n, 2) of the unit disk.
+        """Return entrance-pupil points (n, 3), mm, for points (n, 2) of the unit disc.
 
         ``chief`` are the slopes (n, 2) of the chief rays; paraxial by default.
 
@@ -232,7 +232,7 @@ class Lens(ABC):
     def falloff(self, image: Array, pupil: Array | None = None) -> Array:
         """Return the relative illumination (n,) at image points (n, 2), mm, for uniform radiance.
 
-        It is 1 on the axis. With points (n, 2) of the unit disk of the aperture, return the natural
+        It is 1 on the axis. With points (n, 2) of the unit disc of the aperture, return the natural
         falloff (cos^4) of rays through these, without the vignetting described by
         :meth:`clearances`.
         """
@@ -279,7 +279,7 @@ class Lens(ABC):
         return self
 
     def airy_diameter(self, wavelength_nm: float = 550.0) -> float:
-        """Compute the diameter of the Airy disk on the imager, mm: 2.44 lambda F_w."""
+        """Compute the diameter of the Airy disc on the imager, mm: 2.44 lambda F_w."""
         if not 100.0 <= number("wavelength_nm", wavelength_nm) <= 20000.0:
             raise InvalidParameter(f"wavelength_nm must be 100 to 20000 nm; got {wavelength_nm:g}")
         return 2.44 * wavelength_nm * 1e-6 * self.image_f_number()

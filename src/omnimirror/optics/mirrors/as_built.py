@@ -146,9 +146,9 @@ class MirrorForm:
     Parameters
     ----------
     zernike
-        Noll indices of the Zernike terms over the disk of the rim; up to order 12.
+        Noll indices of the Zernike terms over the disc of the rim; up to order 12.
     um
-        Amplitude of each term, rms over the disk.
+        Amplitude of each term, rms over the disc.
 
     Raises
     ------
@@ -168,7 +168,7 @@ class MirrorForm:
     PARAMETERS: ClassVar[dict[str, Parameter]] = {
         "zernike": Parameter("", 1, TERMS, "Zernike terms of the form error (Noll indices)"),
         "um": Parameter(
-            "um", -1e4, 1e4, "rms of each term over the disk of the rim, along the axis"
+            "um", -1e4, 1e4, "rms of each term over the disc of the rim, along the axis"
         ),
     }
 

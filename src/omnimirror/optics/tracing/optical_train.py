@@ -686,7 +686,7 @@ class OpticalTrain:
 
         Negative clearances mean blocked rays. This is the single definition of vignetting and
         obscuration: edges of mirrors and lens, bore, barrel, camera, rod, rims, lids and window
-        frame. The stop itself is the unit disk in which rays are sampled.
+        frame. The stop itself is the unit disc in which rays are sampled.
 
         Parameters
         ----------
@@ -770,7 +770,7 @@ class OpticalTrain:
         return passed
 
     def entrance_pupil_points(self, pupil: Array, chief: Array | None = None) -> RayEndpoints:
-        """Return entrance-pupil points for points (n, 2) of the unit disk of the aperture.
+        """Return entrance-pupil points for points (n, 2) of the unit disc of the aperture.
 
         ``chief`` are slopes (n, 2) of the chief rays, for a moving pupil; paraxial by default.
         """
