@@ -17,11 +17,11 @@ def by_hand(odds: list[float], rivals: list[float], parallel: float, within: flo
         return 1 / (1 + math.exp(-(value - middle) / width))
 
     margins = [a - b for a, b in zip(odds, rivals, strict=True)]
-    agreement = sum(share(margin, -1.5, 0.4) for margin in margins) / len(margins)
+    agreement = sum(share(margin, -2.0, 0.4) for margin in margins) / len(margins)
     lead = share(sum(margins) / len(margins), 1.55, 0.04)
     housing = min(max((within - 0.6) / 0.15, 0.0), 1.0)
     evidence = (1 - housing) * 30 * (min(parallel, 0.2) - 0.1) - 6 * housing
-    mirror = share(sum(odds) / len(odds) + evidence, -1.7, 0.2)
+    mirror = share(sum(odds) / len(odds) + evidence, -1.85, 0.2)
     return max(0.0, 2 * agreement - 1) * lead * mirror
 
 

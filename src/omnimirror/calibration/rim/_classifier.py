@@ -26,7 +26,7 @@ FIRST_WEIGHTS = np.array([
     -0.112, -0.330, -8.023, 4.366, -1.375, 5.955, -7.839, -3.630,
 ])  # fmt: skip
 FIRST_NONE = 19.886
-SAME_RANK, MIN_MARGIN, MIN_ODDS = (-1.5, 0.4), (1.55, 0.04), (-1.7, 0.2)  # centres and widths
+SAME_RANK, MIN_MARGIN, MIN_ODDS = (-2.0, 0.4), (1.55, 0.04), (-1.85, 0.2)  # centres and widths
 PARALLEL_WEIGHT, USUAL_PARALLEL, MAX_PARALLEL = (
     30.0,
     0.1,

@@ -277,7 +277,11 @@ class _AnalysedImage:
         for analysed in (self, *self.others):
             scaled_ellipse = ellipse.scaled(self.working.scale / analysed.working.scale)
             is_near = analysed.near(
-                scaled_ellipse, max(SAME_SCALES, SAME_SCALES_PX / scaled_ellipse.radius)
+                scaled_ellipse,
+                # its own resolution also separates it from rings next to it
+                SAME_RIM
+                if analysed is self
+                else max(SAME_SCALES, SAME_SCALES_PX / scaled_ellipse.radius),
             )
             odds.append(float(analysed.mean[is_near].max(initial=NOT_FOUND)))
             rivals.append(float(analysed.mean[~is_near].max(initial=UNLISTED)))
