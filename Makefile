@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c constraints.txt
 DEMO_OUT ?= out/demo
-PICTURE ?=
+IMAGE ?=
 ARGS ?=
 # The interpreters that a release is built for and tried with; one of 3.12 or later serves all that follow.
 RELEASE_PYTHONS ?= $(PYTHON)
@@ -54,7 +54,7 @@ smoke: $(BIN)/python
 	$(PIP) uv
 	$(BIN)/uv venv --quiet --clear --python $(BIN)/python out/$(VERSIONS)
 	$(BIN)/uv pip install --quiet --python out/$(VERSIONS)/bin/python --resolution $(RESOLUTION) .
-	out/$(VERSIONS)/bin/python release/trial.py
+	out/$(VERSIONS)/bin/python release/smoke_test.py
 	out/$(VERSIONS)/bin/omnimirror simulate paper-spherical --samples 1 -o out/$(VERSIONS)/circle.png
 	out/$(VERSIONS)/bin/omnimirror dewarp out/$(VERSIONS)/circle.png --sensor paper-spherical --view panorama -o out/$(VERSIONS)/panorama.png
 	out/$(VERSIONS)/bin/omnimirror maps paper-spherical --view panorama -o out/$(VERSIONS)/maps.npz
@@ -117,35 +117,35 @@ format: $(VENV)/.test node  ## Format the code
 	@! command -v npm >/dev/null || { cd web && npm run --silent format; }
 
 bench: $(VENV)/.full  ## Run the benchmarks; write tables to out/benchmarks
-	$(BIN)/python benchmarks/evaluation_time.py --out out/benchmarks
-	$(BIN)/python benchmarks/exposure_time.py --out out/benchmarks
-	$(BIN)/python benchmarks/scene_rate.py --out out/benchmarks
-	$(BIN)/python benchmarks/interpolation_quality.py --out out/benchmarks
-	$(BIN)/python benchmarks/video_rate.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/live_delay.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/gateway_load.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/misaligned_tables.py --out out/benchmarks
-	$(BIN)/python benchmarks/whole_commands.py --out out/benchmarks
-	$(BIN)/python benchmarks/memory.py --out out/benchmarks
-	$(BIN)/python benchmarks/stream_load.py --out out/benchmarks
-	$(BIN)/python benchmarks/design_rate.py --out out/benchmarks
-	$(BIN)/python benchmarks/built_designs.py --out out/benchmarks
-	$(BIN)/python benchmarks/parts_search.py --out out/benchmarks
-	$(BIN)/python benchmarks/feasible_requirements.py --count 300 --out out/benchmarks
-	$(BIN)/python benchmarks/tolerance_rate.py --out out/benchmarks
-	$(BIN)/python benchmarks/tolerance_peers.py --out out/benchmarks
-	$(BIN)/python benchmarks/tolerance_cluster.py --out out/benchmarks
-	$(BIN)/python benchmarks/batch_throughput.py --out out/benchmarks
-	$(BIN)/python benchmarks/batch_kills.py --out out/benchmarks
-	$(BIN)/python benchmarks/slider_to_plots.py --out out/benchmarks
-	$(BIN)/python benchmarks/restoration_gain.py --out out/benchmarks
-	$(BIN)/python benchmarks/straightening_rate.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/moving_views.py --out out/benchmarks $(if $(PICTURE),--picture $(PICTURE))
-	$(BIN)/python benchmarks/page_load.py --out out/benchmarks
-	$(BIN)/python benchmarks/first_minutes.py --out out/benchmarks
+	$(BIN)/python benchmarks/evaluation_time.py -o out/benchmarks
+	$(BIN)/python benchmarks/rendering_time.py -o out/benchmarks
+	$(BIN)/python benchmarks/scene_rate.py -o out/benchmarks
+	$(BIN)/python benchmarks/interpolation_quality.py -o out/benchmarks
+	$(BIN)/python benchmarks/video_rate.py -o out/benchmarks $(if $(IMAGE),--image $(IMAGE))
+	$(BIN)/python benchmarks/live_latency.py -o out/benchmarks $(if $(IMAGE),--image $(IMAGE))
+	$(BIN)/python benchmarks/gateway_load.py -o out/benchmarks $(if $(IMAGE),--image $(IMAGE))
+	$(BIN)/python benchmarks/misaligned_tables.py -o out/benchmarks
+	$(BIN)/python benchmarks/command_time.py -o out/benchmarks
+	$(BIN)/python benchmarks/memory.py -o out/benchmarks
+	$(BIN)/python benchmarks/stream_load.py -o out/benchmarks
+	$(BIN)/python benchmarks/design_rate.py -o out/benchmarks
+	$(BIN)/python benchmarks/real_lens_rate.py -o out/benchmarks
+	$(BIN)/python benchmarks/catalogue_search.py -o out/benchmarks
+	$(BIN)/python benchmarks/feasible_requirements.py --count 300 -o out/benchmarks
+	$(BIN)/python benchmarks/tolerance_rate.py -o out/benchmarks
+	$(BIN)/python benchmarks/tolerance_comparison.py -o out/benchmarks
+	$(BIN)/python benchmarks/tolerance_cluster.py -o out/benchmarks
+	$(BIN)/python benchmarks/batch_throughput.py -o out/benchmarks
+	$(BIN)/python benchmarks/batch_interruptions.py -o out/benchmarks
+	$(BIN)/python benchmarks/slider_latency.py -o out/benchmarks
+	$(BIN)/python benchmarks/restoration_gain.py -o out/benchmarks
+	$(BIN)/python benchmarks/dewarping_rate.py -o out/benchmarks $(if $(IMAGE),--image $(IMAGE))
+	$(BIN)/python benchmarks/moving_views.py -o out/benchmarks $(if $(IMAGE),--image $(IMAGE))
+	$(BIN)/python benchmarks/page_load.py -o out/benchmarks
+	$(BIN)/python benchmarks/first_minutes.py -o out/benchmarks
 
 bench-page: bench  ## Run the benchmarks and insert the tables into docs/benchmarks.md
-	$(BIN)/python benchmarks/tables_to_docs.py --tables out/benchmarks
+	$(BIN)/python benchmarks/update_tables.py --tables out/benchmarks
 
 docs: $(VENV)/.core  ## Build the documentation site in out/site
 	$(PYTHON) -m venv out/mkdocs

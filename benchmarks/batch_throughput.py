@@ -5,7 +5,7 @@ processes, and a local Dask cluster with two workers. Each run processes the sam
 planning are measured with a second job of few images and subtracted. The overhead per image is measured with images so
 small that processing is negligible, in processor time. The minimum over the rounds is reported.
 
-    python benchmarks/batch_throughput.py --out out/benchmarks
+    python benchmarks/batch_throughput.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from circumstances import other_load, processor
+from measurement_conditions import load_warning, processor_name
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -29,10 +29,10 @@ from omnimirror.base.native import backend
 from omnimirror.interop.batch.job import BatchJob, parse_job
 from omnimirror.io.images import decode_image_and_metadata, encode_image
 
-MANY_WORKERS, IMAGES_PER_DAY = 64, 1_000_000
+MODEL_WORKERS, IMAGES_PER_DAY = 64, 1_000_000
 
 
-def job_of(folder: Path, name: str, size: str, workers: int) -> BatchJob:
+def make_job(folder: Path, name: str, size: str, workers: int) -> BatchJob:
     """Return a job from ``raw`` to a new folder."""
     text = (
         f"[inputs]\nfiles = ['raw']\n[[sensor]]\nfile = 'camera.toml'\n[view.panorama]\n"
@@ -49,7 +49,7 @@ class Cost(NamedTuple):
     processor: float
 
 
-def bare(folder: Path, job: BatchJob) -> Cost:
+def run_bare_loop(folder: Path, job: BatchJob) -> Cost:
     """Return the cost of a bare loop on one thread; maps are computed before."""
     camera = om.load_camera(folder / "camera.toml")
     dewarp = om.Dewarper(camera, job.views["panorama"](camera))
@@ -64,30 +64,30 @@ def bare(folder: Path, job: BatchJob) -> Cost:
     return Cost(time.perf_counter() - start[0], time.process_time() - start[1])
 
 
-def batch(job: BatchJob, scheduler: str) -> Cost:
+def run_batch(job: BatchJob, scheduler: str) -> Cost:
     """Return the cost of a run, from its second half: without the start of workers and the maps."""
-    marks: list[tuple[int, float]] = []
+    progress: list[tuple[int, float]] = []
     status = om.batch.run(
         job,
         scheduler=scheduler,
-        on_progress=lambda done, total: marks.append((done, time.process_time())),
+        on_progress=lambda done, total: progress.append((done, time.process_time())),
     )
     assert status.failed == 0
     rows = sorted(row.finished for row in om.batch.plan(job).manifest.rows.values())
     skipped = len(rows) // 2
     wall = (rows[-1] - rows[skipped]) * len(rows) / (len(rows) - 1 - skipped)
-    (first, start), (last, end) = marks[len(marks) // 2], marks[-1]
+    (first, start), (last, end) = progress[len(progress) // 2], progress[-1]
     return Cost(wall, (end - start) * len(rows) / (last - first))
 
 
 def measure(folder: Path, size: str, rounds: int, address: str) -> dict[str, list[Cost]]:
     """Return the durations of all methods, interleaved."""
     methods: dict[str, Callable[[BatchJob], Cost]] = {
-        "bare loop": lambda job: bare(folder, job),
-        "batch, one thread": lambda job: batch(job, "threads"),
-        "batch, one process": lambda job: batch(job, "processes"),
-        "batch, two processes": lambda job: batch(job, "processes"),
-        "batch, Dask, two workers": lambda job: batch(job, address),
+        "bare loop": lambda job: run_bare_loop(folder, job),
+        "batch, one thread": lambda job: run_batch(job, "threads"),
+        "batch, one process": lambda job: run_batch(job, "processes"),
+        "batch, two processes": lambda job: run_batch(job, "processes"),
+        "batch, Dask, two workers": lambda job: run_batch(job, address),
     }
     if not address:
         del methods["batch, Dask, two workers"]
@@ -96,7 +96,7 @@ def measure(folder: Path, size: str, rounds: int, address: str) -> dict[str, lis
         for name, method in methods.items():
             workers = 2 if "two" in name else 1
             backend.set_threads(1)
-            job = job_of(folder, f"out-{number}-{len(times[name])}-{workers}", size, workers)
+            job = make_job(folder, f"out-{number}-{len(times[name])}-{workers}", size, workers)
             shutil.rmtree(job.output_url, ignore_errors=True)
             times[name].append(method(job))
             shutil.rmtree(job.output_url)
@@ -111,16 +111,16 @@ def table(times: dict[str, list[Cost]], count: int) -> list[str]:
     ]
     walls = {name: min(cost.wall for cost in costs) for name, costs in times.items()}
     for name, costs in times.items():
-        to = {
+        references = {
             "batch, two processes": "batch, one process",
             "batch, Dask, two workers": "batch, two processes",
         }
-        other = to.get(name, "bare loop")
-        own = "bare" in name or "thread" in name
-        processor_ms = f"{1000 * min(c.processor for c in costs) / count:.2f}" if own else ""
-        ratio = walls[other] / walls[name]
+        reference = references.get(name, "bare loop")
+        in_process = "bare" in name or "thread" in name
+        processor_ms = f"{1000 * min(c.processor for c in costs) / count:.2f}" if in_process else ""
+        ratio = walls[reference] / walls[name]
         rows.append(
-            f"| {name} | {count / walls[name]:.1f} | {ratio:.2f} of {other} | {processor_ms} |"
+            f"| {name} | {count / walls[name]:.1f} | {ratio:.2f} of {reference} | {processor_ms} |"
         )
     return rows
 
@@ -152,13 +152,13 @@ def write_images(folder: Path, count: int, width: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--images", type=int, default=200)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--without-dask", action="store_true")
     options = parser.parse_args()
     lines = []
-    load = other_load()
+    load_note = load_warning()
     with tempfile.TemporaryDirectory() as folder:
         write_images(Path(folder), options.images, 1024)
         with ExitStack() as stack:
@@ -168,8 +168,8 @@ def main() -> None:
         write_images(Path(folder), 5 * options.images, 64)
         small = measure(Path(folder), "[64, 16]", options.rounds, "")
     lines += [
-        f"{options.images} JPEG images of 1024 x 1024 px to panoramas of 1024 x 256 px; {processor()}, "
-        f"{os.cpu_count()} cores.{load}",
+        f"{options.images} JPEG images of 1024 x 1024 px to panoramas of 1024 x 256 px; {processor_name()}, "
+        f"{os.cpu_count()} cores.{load_note}",
         "",
         *table(large, options.images),
         "",
@@ -179,16 +179,16 @@ def main() -> None:
         "",
     ]
     count = 5 * options.images
-    least = {name: min(cost.processor for cost in costs) for name, costs in small.items()}
-    overhead = (least["batch, one thread"] - least["bare loop"]) / count
+    minima = {name: min(cost.processor for cost in costs) for name, costs in small.items()}
+    overhead = (minima["batch, one thread"] - minima["bare loop"]) / count
     cost = min(cost.wall for cost in large["batch, one process"]) / options.images
-    rate = MANY_WORKERS / cost
+    rate = MODEL_WORKERS / cost
     lines.append(
-        f"Overhead of the runner: {1000 * overhead:.2f} ms per image. Model for {MANY_WORKERS} workers: "
+        f"Overhead of the runner: {1000 * overhead:.2f} ms per image. Model for {MODEL_WORKERS} workers: "
         f"{rate:.0f} images/s at {1000 * cost:.1f} ms per image and worker; {IMAGES_PER_DAY:,} images per "
         f"day require {IMAGES_PER_DAY * cost / 86400:.2f} workers."
     )
-    write_text(options.out / "batch_throughput.md", "\n".join(lines) + "\n")
+    write_text(options.output / "batch_throughput.md", "\n".join(lines) + "\n")
     print("\n".join(lines))
 
 

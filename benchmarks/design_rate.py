@@ -5,7 +5,7 @@ variants run interleaved in one process; results are medians of wall time and pr
 corresponds to one generation of a global search; the numbers of a batch of 20,000 occupy 160 MB. The analysis of
 Optiland returns tangential and sagittal focus only, for fields below 90 deg, without a best focus.
 
-    python benchmarks/design_rate.py --out out/benchmarks
+    python benchmarks/design_rate.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from circumstances import other_load, processor
 from evaluation_time import optiland_system
-from timing import measured
+from measurement_conditions import load_warning, processor_name
+from timing import measure_wall_and_cpu
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -27,7 +27,7 @@ from omnimirror.base.native import backend
 from omnimirror.optics.batch.evaluate import Designs, evaluate_designs
 from omnimirror.optics.batch.families import family
 
-ANGLES, FEW, MANY, RUNS = 100, 2_000, 20_000, 15
+ANGLES, SMALL_BATCH, LARGE_BATCH, RUNS = 100, 2_000, 20_000, 15
 
 
 def designs(count: int) -> Designs:
@@ -41,16 +41,16 @@ def designs(count: int) -> Designs:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
-    load = other_load()
-    few, many = designs(FEW), designs(MANY)
+    load_note = load_warning()
+    small, large = designs(SMALL_BATCH), designs(LARGE_BATCH)
     sensor = om.load_sensor("paper-spherical")
     omega = np.linspace(0, 135, ANGLES)
     functions: dict[str, Callable[[], object]] = {
-        "NumPy": lambda: evaluate_designs(few, ANGLES, native=False)
+        "NumPy": lambda: evaluate_designs(small, ANGLES, native=False)
     }
-    counts = {"NumPy": FEW}
+    counts = {"NumPy": SMALL_BATCH}
 
     def compiled(batch: Designs, threads: int) -> None:
         def run() -> object:
@@ -61,7 +61,7 @@ def main() -> None:
         functions[name], counts[name] = run, len(batch)
 
     if backend.is_compiled:
-        for batch in (few, many):
+        for batch in (small, large):
             for threads in dict.fromkeys((1, min(4, os.cpu_count() or 1))):
                 compiled(batch, threads)
     functions["om.evaluate at best focus"] = lambda: om.evaluate(sensor, omega, focus_mm="auto")
@@ -70,7 +70,10 @@ def main() -> None:
     try:
         from optiland.analysis import FieldCurvature
     except ImportError:
-        notes = ["", "Optiland is not installed (`make bench` installs it), so it is not compared."]
+        notes = [
+            "",
+            "Optiland is not installed (`make bench` installs it) and is not included in the comparison.",
+        ]
     else:
         warnings.simplefilter("ignore")
         functions["Optiland, system and field curvature to 80 deg"] = lambda: FieldCurvature(
@@ -78,12 +81,13 @@ def main() -> None:
         )
     rows = [
         f"| {name} | {1e3 * counts.get(name, 1) / wall:,.0f} | {1e3 * counts.get(name, 1) / cpu:,.0f} |"
-        for name, (wall, cpu) in measured(functions, RUNS).items()
+        for name, (wall, cpu) in measure_wall_and_cpu(functions, RUNS).items()
     ]
     table = "\n".join(
         [
-            f"`design_rate.py` on {processor()}, {os.cpu_count()} cores, NumPy {np.__version__}; medians of {RUNS} "
-            f"interleaved runs.{load}",
+            f"`design_rate.py` on {processor_name()}, {os.cpu_count()} "
+            f"cores, NumPy {np.__version__}; medians of {RUNS} "
+            f"interleaved runs.{load_note}",
             "",
             f"| designs of {ANGLES} field angles | designs/s | designs/s per core |",
             "|---|---|---|",
@@ -92,7 +96,7 @@ def main() -> None:
         ]
     )
     print(table)
-    write_text(arguments.out / "design_rate.md", table + "\n")
+    write_text(arguments.output / "design_rate.md", table + "\n")
 
 
 if __name__ == "__main__":

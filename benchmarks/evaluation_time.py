@@ -5,7 +5,7 @@ sagittal focus) for fields below 90 deg, the evaluation of omnimirror 27 columns
 rays at a stop behind the aberrations of the mirror; beyond about 15 deg, they miss the lens. The table reports the
 distance, because the comparison concerns time and not accuracy.
 
-    python benchmarks/evaluation_time.py --out out/benchmarks
+    python benchmarks/evaluation_time.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from timing import interleaved
+from timing import measure_interleaved
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -59,7 +59,7 @@ def optiland_system(sensor: om.Sensor, largest_deg: float) -> Any:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     sensor = om.load_sensor("paper-spherical")
     omega = np.linspace(0, 135, ANGLES)
@@ -71,7 +71,9 @@ def main() -> None:
     try:
         from optiland.analysis import FieldCurvature
     except ImportError:
-        notes.append("Optiland is not installed (`make bench` installs it), so it is not compared.")
+        notes.append(
+            "Optiland is not installed (`make bench` installs it) and is not included in the comparison."
+        )
     else:
         warnings.simplefilter("ignore")
         system = optiland_system(sensor, 80.0)
@@ -82,18 +84,19 @@ def main() -> None:
             ray = system.trace_generic(0, angle / 80.0, 0, 0, 0.55)
             x = om.evaluate(sensor, [angle]).h_px[0] * sensor.imager.pitch_mm
             notes.append(
-                f"Optiland's chief ray at {angle:g} deg lands {abs(float(ray.y[0])):.3f} mm from the axis, "
-                f"and the real one at {x:.3f} mm."
+                f"Optiland's chief ray at {angle:g} deg meets the image "
+                f"plane {abs(float(ray.y[0])):.3f} mm from the axis, "
+                f"and the exact one at {x:.3f} mm."
             )
-    medians = interleaved(functions, RUNS)
-    first = medians["omnimirror evaluate, 27 columns"]
-    rows = [f"| {name} | {t:.3f} | {t / first:.1f} |" for name, t in medians.items()]
+    medians = measure_interleaved(functions, RUNS)
+    reference_ms = medians["omnimirror evaluate, 27 columns"]
+    rows = [f"| {name} | {t:.3f} | {t / reference_ms:.1f} |" for name, t in medians.items()]
     table = "\n".join(
         [
             f"Medians of {RUNS} interleaved runs of {ANGLES} field angles, Python {platform.python_version()}, NumPy "
             f"{np.__version__}.",
             "",
-            "| what | ms | ratio |",
+            "| analysis | time, ms | ratio |",
             "|---|---|---|",
             *rows,
             "",
@@ -101,7 +104,7 @@ def main() -> None:
         ]
     )
     print(table)
-    write_text(arguments.out / "evaluation_time.md", table + "\n")
+    write_text(arguments.output / "evaluation_time.md", table + "\n")
 
 
 if __name__ == "__main__":

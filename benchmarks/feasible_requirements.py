@@ -5,7 +5,7 @@ focal length and F-number by wide asymmetric ranges that contain those of the se
 families and mappings, fits, domes, tubes in air and water, near objects (distances, a cylinder, a
 plane), and lenses and imagers of the catalogue.
 
-    python benchmarks/feasible_requirements.py --count 300 --out out/benchmarks
+    python benchmarks/feasible_requirements.py --count 300 -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from omnimirror.design.catalogue import LensComponent, read_catalogue
 from omnimirror.design.requirement_files import requirements_of
 from omnimirror.design.requirements import MAX_FOCUS
 
-LOOSENED = 0.005  # relative relaxation
-AT_MOST = (
+RELAXATION = 0.005  # relative relaxation
+MAX_QUANTITIES = (
     "total_blur_deg",
     "total_blur_px",
     "viewpoint_spread_mm",
@@ -35,7 +35,7 @@ AT_MOST = (
     "overall_height_mm",
     "overall_diameter_mm",
 )
-AT_LEAST = ("resolution_px_per_deg", "area_ratio", "width_px_per_deg", "mtf")
+MIN_QUANTITIES = ("resolution_px_per_deg", "area_ratio", "width_px_per_deg", "mtf")
 MIRRORS = (
     "sphere",
     "hyperboloid",
@@ -49,22 +49,24 @@ MIRRORS = (
 FAMILIES = MIRRORS[:4]
 OBJECTS = ("infinity", "distances", "cylinder", "plane")
 HOUSINGS = ("none", "camera", "dome", "tube", "water")
-TRIES = 200
+MAX_ATTEMPTS = 200
 
 
 def feasible_requirements(seed: int) -> om.Requirements:
     """Return requirements that a random sensor meets, with the values of that sensor inside ranges."""
     rng = np.random.default_rng(seed)
     housing, objects = str(rng.choice(HOUSINGS)), str(rng.choice(OBJECTS))  # not redrawn in retries
-    for _ in range(TRIES):
-        tables, numbers = _tables(rng, housing, objects)
+    for _ in range(MAX_ATTEMPTS):
+        tables, values = _tables(rng, housing, objects)
         try:
-            sensor = make(requirements_of(_with(tables, numbers))).sensor
-            limits = _limits(rng, tables, numbers, sensor)
-            ranges = {name: _around(rng, value, *_BOUNDS[name]) for name, value in numbers.items()}
-            wanted = requirements_of({**_with(tables, ranges), "limit": limits})
-            if limits and om.check_requirements(wanted, sensor).is_met:
-                return wanted
+            sensor = make(requirements_of(_merged(tables, values))).sensor
+            limits = _limits(rng, tables, values, sensor)
+            ranges = {
+                name: _random_range(rng, value, *_BOUNDS[name]) for name, value in values.items()
+            }
+            requirements = requirements_of({**_merged(tables, ranges), "limit": limits})
+            if limits and om.check_requirements(requirements, sensor).is_met:
+                return requirements
         except OmnimirrorError:
             continue
     raise RuntimeError(f"no sensor found for seed {seed}")
@@ -84,7 +86,7 @@ def _tables(
     """Return the tables without the entries that become ranges, and the values of these entries."""
     kind = str(rng.choice(MIRRORS))
     rim = float(rng.uniform(8.0, 60.0))
-    numbers = {
+    values = {
         "rim_radius_mm": rim,
         "focal_length_mm": float(rng.uniform(3.0, 16.0)),
         "f_number": float(rng.uniform(2.0, 8.0)),
@@ -95,10 +97,10 @@ def _tables(
     }
     mirror: dict[str, Any] = {"family" if kind in FAMILIES else "mapping": kind}
     if kind == "ellipsoid":
-        numbers["conic"] = float(rng.uniform(-0.6, 1.5))
+        values["conic"] = float(rng.uniform(-0.6, 1.5))
     if kind not in FAMILIES and rng.random() < 0.4:
         mirror["fit"] = str(rng.choice(["polynomial:5", "asphere:3"]))
-    far = {
+    object_tables = {
         "infinity": {},
         "distances": {
             "object_distance_mm": [
@@ -109,29 +111,29 @@ def _tables(
         "cylinder": {"object_cylinder_radius_mm": float(rng.uniform(5, 20) * rim)},
         "plane": {"object_plane_distance_mm": float(rng.uniform(5, 20) * rim)},
     }
-    field |= far[objects]
-    wall = {"material": "acrylic", "wall_mm": 3.0}
-    tube = {**wall, "diameter_mm": float(rng.uniform(3.0, 4.0) * 60.0)}
-    around: dict[str, Any] = {
+    field |= object_tables[objects]
+    shell = {"material": "acrylic", "wall_mm": 3.0}
+    tube = {**shell, "diameter_mm": float(rng.uniform(3.0, 4.0) * 60.0)}
+    housing_table: dict[str, Any] = {
         "none": {},
         "camera": {"camera": {"diameter_mm": float(rng.uniform(0.2, 0.6) * rim)}},
-        "dome": {"dome": wall},
+        "dome": {"dome": shell},
         "tube": {"tube": tube},
         "water": {"tube": {**tube, "medium": "water"}},
     }[housing]
     if housing == "water":
         field["omega_min_deg"] = 50.0
-    imager, lens, fixed = _imager_and_lens(rng)
-    numbers |= fixed
+    imager, lens, lens_ranges = _imager_and_lens(rng)
+    values |= lens_ranges
     tables = {
         "name": "feasible",
         "field": field,
         "mirror": mirror,
         "lens": lens,
         "imager": imager,
-        "housing": around,
+        "housing": housing_table,
     }
-    return tables, {name: value for name, value in numbers.items() if name not in lens}
+    return tables, {name: value for name, value in values.items() if name not in lens}
 
 
 def _imager_and_lens(
@@ -139,8 +141,8 @@ def _imager_and_lens(
 ) -> tuple[dict[str, Any], dict[str, Any], dict[str, float]]:
     """Return the imager, the fixed entries of the lens and its F-number, from the catalogue or
     freely chosen."""
-    parts = read_catalogue()
-    imagers = [part for part in parts.imagers if rng.random() < 0.4]
+    components = read_catalogue()
+    imagers = [part for part in components.imagers if rng.random() < 0.4]
     if imagers:
         part = imagers[0]
         imager = {
@@ -158,27 +160,35 @@ def _imager_and_lens(
         }
     if rng.random() < 0.7:
         return imager, {}, {}
-    lenses = [part for part in parts.lenses if isinstance(part, LensComponent)]
-    chosen = lenses[int(rng.integers(len(lenses)))]
+    lenses = [part for part in components.lenses if isinstance(part, LensComponent)]
+    component = lenses[int(rng.integers(len(lenses)))]
     lens = {
-        "focal_length_mm": chosen.focal_length_mm,
-        "focus_mm": [chosen.minimum_focus_mm, MAX_FOCUS],
+        "focal_length_mm": component.focal_length_mm,
+        "focus_mm": [component.minimum_focus_mm, MAX_FOCUS],
     }
-    if chosen.f_number_min == chosen.f_number_max:
-        return imager, {**lens, "f_number": chosen.f_number_min}, {}
-    return imager, lens, {"f_number": float(rng.uniform(chosen.f_number_min, chosen.f_number_max))}
+    if component.f_number_min == component.f_number_max:
+        return imager, {**lens, "f_number": component.f_number_min}, {}
+    return (
+        imager,
+        lens,
+        {"f_number": float(rng.uniform(component.f_number_min, component.f_number_max))},
+    )
 
 
-def _with(tables: dict[str, Any], numbers: dict[str, Any]) -> dict[str, Any]:
+def _merged(tables: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
     """Return the tables with entries of mirror and lens."""
-    of_mirror = {
-        name: value for name, value in numbers.items() if name in ("rim_radius_mm", "conic")
+    mirror_values = {
+        name: value for name, value in values.items() if name in ("rim_radius_mm", "conic")
     }
-    of_lens = {name: value for name, value in numbers.items() if name not in of_mirror}
-    return {**tables, "mirror": tables["mirror"] | of_mirror, "lens": tables["lens"] | of_lens}
+    lens_values = {name: value for name, value in values.items() if name not in mirror_values}
+    return {
+        **tables,
+        "mirror": tables["mirror"] | mirror_values,
+        "lens": tables["lens"] | lens_values,
+    }
 
 
-def _around(rng: np.random.Generator, value: float, low: float, high: float) -> list[float]:
+def _random_range(rng: np.random.Generator, value: float, low: float, high: float) -> list[float]:
     """Return an asymmetric range about a value."""
     if value <= 0 or low < 0:
         return [max(low, value - rng.uniform(0.1, 1.0)), min(high, value + rng.uniform(0.1, 2.0))]
@@ -186,23 +196,23 @@ def _around(rng: np.random.Generator, value: float, low: float, high: float) -> 
 
 
 def _limits(
-    rng: np.random.Generator, tables: dict[str, Any], numbers: dict[str, float], sensor: om.Sensor
+    rng: np.random.Generator, tables: dict[str, Any], values: dict[str, float], sensor: om.Sensor
 ) -> list[dict[str, Any]]:
     """Return limits at the relaxed values of a sensor."""
-    most = [str(name) for name in rng.choice(AT_MOST, rng.integers(1, 4), replace=False)]
-    least = [str(name) for name in rng.choice(AT_LEAST, rng.integers(1, 3), replace=False)]
+    upper = [str(name) for name in rng.choice(MAX_QUANTITIES, rng.integers(1, 4), replace=False)]
+    lower = [str(name) for name in rng.choice(MIN_QUANTITIES, rng.integers(1, 3), replace=False)]
     cycles = {"cycles_per_px": 0.125}
-    tried = [{"quantity": name, "at_most": 1e9} for name in most]
-    tried += [
-        {"quantity": name, "at_least": 1e-9, **(cycles if name == "mtf" else {})} for name in least
+    candidates = [{"quantity": name, "at_most": 1e9} for name in upper]
+    candidates += [
+        {"quantity": name, "at_least": 1e-9, **(cycles if name == "mtf" else {})} for name in lower
     ]
     verdict = om.check_requirements(
-        requirements_of({**_with(tables, numbers), "limit": tried}), sensor
+        requirements_of({**_merged(tables, values), "limit": candidates}), sensor
     )
     limits = []
-    for limit, row in zip(tried, verdict.limits, strict=True):
+    for limit, row in zip(candidates, verdict.limits, strict=True):
         side, factor = (
-            ("at_most", 1 + LOOSENED) if "at_most" in limit else ("at_least", 1 - LOOSENED)
+            ("at_most", 1 + RELAXATION) if "at_most" in limit else ("at_least", 1 - RELAXATION)
         )
         if not np.isfinite(row.reached) or row.reached <= 1e-6:
             continue
@@ -211,46 +221,49 @@ def _limits(
 
 
 def main() -> None:
-    from circumstances import other_load, processor
+    from measurement_conditions import load_warning, processor_name
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=300)
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--first-seed", type=int, default=0, help="first seed")
     parser.add_argument(
-        "--keep", type=Path, help="folder for the requirement files without a solution"
+        "--failures", type=Path, help="folder for the requirement files without a solution"
     )
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
-    load, times, missed = other_load(), [], []
-    for seed in range(arguments.first, arguments.first + arguments.count):
-        wanted = feasible_requirements(seed)
-        begin = time.process_time()
+    load_note, times, unsolved = load_warning(), [], []
+    for seed in range(arguments.first_seed, arguments.first_seed + arguments.count):
+        requirements = feasible_requirements(seed)
+        start = time.process_time()
         try:
-            verdict = solve(wanted)[1].verdict
-            said = (
+            verdict = solve(requirements)[1].verdict
+            failure = (
                 ""
                 if verdict.is_met
                 else f"misses {', '.join(verdict.missed)} by {verdict.worst:.2%}"
             )
         except OmnimirrorError as error:
-            said = str(error)
-        times.append(time.process_time() - begin)
-        print(f"seed {seed}, {times[-1]:.1f} s: {said or 'met'}", flush=True)
-        if said:
-            missed.append(seed)
-            if arguments.keep:
-                write_text(arguments.keep / f"feasible-{seed}.toml", om.format_requirements(wanted))
+            failure = str(error)
+        times.append(time.process_time() - start)
+        print(f"seed {seed}, {times[-1]:.1f} s: {failure or 'met'}", flush=True)
+        if failure:
+            unsolved.append(seed)
+            if arguments.failures:
+                write_text(
+                    arguments.failures / f"feasible-{seed}.toml",
+                    om.format_requirements(requirements),
+                )
     table = "\n".join(
         [
-            f"`feasible_requirements.py` on {processor()}; seeds {arguments.first} to {seed}.{load}",
+            f"`feasible_requirements.py` on {processor_name()}; seeds {arguments.first_seed} to {seed}.{load_note}",
             "",
             "| files | solved | median CPU time, s | longest, s |",
             "|---|---|---|---|",
-            f"| {len(times)} | {1 - len(missed) / len(times):.1%} | {np.median(times):.1f} | {max(times):.1f} |",
+            f"| {len(times)} | {1 - len(unsolved) / len(times):.1%} | {np.median(times):.1f} | {max(times):.1f} |",
         ]
     )
     print(table)
-    write_text(arguments.out / "feasible_requirements.md", table + "\n")
+    write_text(arguments.output / "feasible_requirements.md", table + "\n")
 
 
 if __name__ == "__main__":

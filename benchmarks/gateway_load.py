@@ -2,10 +2,10 @@
 
 First, the processor time of each step is measured separately, per frame of the source or of a view. Then the gateway
 runs with a sending process on the loopback interface and a receiving process: processor time, dropped frames, and the
-latency from a decoded frame to its transmitted view are measured. The latency of FFmpeg (``live_delay.py``) is not
+latency from a decoded frame to its transmitted view are measured. The latency of FFmpeg (``live_latency.py``) is not
 included.
 
-    python benchmarks/gateway_load.py --out out/benchmarks --picture photograph.jpg
+    python benchmarks/gateway_load.py -o out/benchmarks --image photograph.jpg
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pathlib import Path
 
 import av
 import cv2
-import live_delay
+import live_latency
 import numpy as np
 
 import omnimirror as om
@@ -58,17 +58,17 @@ TARGET_CORES = 2
 
 def make_clip(path: Path, photograph: np.ndarray, frames: int) -> None:
     """Encode a rotating photograph with typical camera settings."""
-    middle = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    centre = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
     side = round(0.96 * HEIGHT)
-    small = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
-    whole = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    mirror_image = cv2.resize(photograph, (side, side), interpolation=cv2.INTER_AREA)
+    full_frame = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     top, left = (HEIGHT - side) // 2, (WIDTH - side) // 2
-    whole[top : top + side, left : left + side] = small
+    full_frame[top : top + side, left : left + side] = mirror_image
     options = {"preset": "veryfast", "tune": "zerolatency", "g": str(RATE), "b": "8000000"}
     with VideoWriter(path, (WIDTH, HEIGHT), RATE, options=options) as video:
         for i in range(frames):
-            turn = cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0)
-            video.write(frame_of_image(cv2.warpAffine(whole, turn, (WIDTH, HEIGHT))))
+            rotation = cv2.getRotationMatrix2D(centre, 0.5 * i, 1.0)
+            video.write(frame_of_image(cv2.warpAffine(full_frame, rotation, (WIDTH, HEIGHT))))
 
 
 # -- separate steps
@@ -82,9 +82,9 @@ def processor_ms(count: int, work: Callable[[], object]) -> float:
     return 1e3 * (time.process_time() - start) / count
 
 
-def steps(clip: Path, most: int) -> dict[str, float]:
-    """Return the processor time (ms) of each step, per frame of the source or of a view."""
-    found, frames = {}, []
+def measure_steps(clip: Path, max_frames: int) -> dict[str, float]:
+    """Return the processor time (ms) per step, per frame of the source or of a view."""
+    times_ms, frames = {}, []
 
     def decode() -> None:
         with av.open(str(clip)) as container:
@@ -92,33 +92,35 @@ def steps(clip: Path, most: int) -> dict[str, float]:
             stream.thread_type = "SLICE"
             for frame in container.decode(stream):
                 frames.append(frame)
-                if len(frames) == most:
+                if len(frames) == max_frames:
                     return
 
-    found["decoding a frame of the source"] = processor_ms(most, decode)
+    times_ms["decoding a frame of the source"] = processor_ms(max_frames, decode)
     dewarps = [om.Dewarper(CAMERA, view(CAMERA), keep_map=True) for view in VIEWS.values()]
     for dewarp in dewarps:  # builds the maps
         dewarp_frame(dewarp, frames[0])
-    drawn: list[av.VideoFrame] = []
-    count = len(VIEWS) * most
-    found["drawing a view"] = processor_ms(
+    dewarped: list[av.VideoFrame] = []
+    count = len(VIEWS) * max_frames
+    times_ms["dewarping a view"] = processor_ms(
         count,
-        lambda: drawn.extend(dewarp_frame(dewarp, frame) for dewarp in dewarps for frame in frames),
+        lambda: dewarped.extend(
+            dewarp_frame(dewarp, frame) for dewarp in dewarps for frame in frames
+        ),
     )
-    for i, frame in enumerate(drawn):
+    for i, frame in enumerate(dewarped):
         frame.time_base, frame.pts = TICKS, round(i / RATE / TICKS)
     transport, jpeg = TransportEncoder((640, 360), RATE), JpegEncoder()
-    found["H.264 in MPEG-TS, of a view"] = processor_ms(
-        count, lambda: [transport(frame) for frame in drawn]
+    times_ms["H.264 in MPEG-TS, of a view"] = processor_ms(
+        count, lambda: [transport(frame) for frame in dewarped]
     )
-    found["JPEG, of a view"] = processor_ms(count, lambda: [jpeg(frame) for frame in drawn])
-    return found
+    times_ms["JPEG, of a view"] = processor_ms(count, lambda: [jpeg(frame) for frame in dewarped])
+    return times_ms
 
 
 # -- running gateway
 # ----------------------------------------------------------------------------------
 
-WATCH = """
+CLIENT_SCRIPT = """
 import asyncio, sys, httpx
 async def watch(url):
     async with httpx.AsyncClient(timeout=60) as client, client.stream("GET", url) as answer:
@@ -130,7 +132,7 @@ asyncio.run(main())
 """
 
 
-class Delays:
+class LatencyRecorder:
     """Delays between decoding of a frame and output of each chunk or image of its view, s."""
 
     def __init__(self, gateway: Gateway) -> None:
@@ -138,27 +140,29 @@ class Delays:
         for view in gateway.views.values():
             for group in view.outputs.values():
                 for output in group:
-                    self._watch(gateway, output)
+                    self._record(gateway, output)
 
-    def _watch(self, gateway: Gateway, output: StreamOutput) -> None:
+    def _record(self, gateway: Gateway, output: StreamOutput) -> None:
         take = output.take
 
         def timed(frame: av.VideoFrame) -> None:
-            arrived = gateway._start + float(frame.pts * TICKS)
+            decoded_at = gateway._start + float(frame.pts * TICKS)
             take(frame)
-            self.seconds.append(time.monotonic() - arrived)
+            self.seconds.append(time.monotonic() - decoded_at)
 
         output.take = timed  # type: ignore[method-assign]
 
 
-def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, float, float, float]:
+def measure_gateway(
+    clip: Path, suffix: str, seconds: float
+) -> tuple[int, float, int, float, float, float]:
     """Return the number of views, cores, dropped views, median and 95 % quantile of the delay in
     ms, and source frames/s."""
-    port = live_delay.free_port("HTTP")
+    port = live_latency.free_port("HTTP")
     url = f"http://127.0.0.1:{port}/live.ts"
-    words = [
+    command = [
         sys.executable,
-        live_delay.__file__,
+        live_latency.__file__,
         "--send",
         clip,
         url,
@@ -167,17 +171,17 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
         clip.with_name("sent.txt"),
     ]
     gateway = Gateway(url, True, CAMERA, VIEWS)
-    delays = Delays(gateway)
+    latencies = LatencyRecorder(gateway)
     server, listening = (
         Server(server_config(create_app(gateway, None), "error")),
         listen("127.0.0.1", 0),
     )
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
-    names = [f"http://127.0.0.1:{listening.getsockname()[1]}/{name}.{suffix}" for name in VIEWS]
+    urls = [f"http://127.0.0.1:{listening.getsockname()[1]}/{name}.{suffix}" for name in VIEWS]
     with (
-        subprocess.Popen(words) as sender,
-        subprocess.Popen([sys.executable, "-c", WATCH, *names]) as watcher,
+        subprocess.Popen(command) as sender,
+        subprocess.Popen([sys.executable, "-c", CLIENT_SCRIPT, *urls]) as client,
     ):
         while (
             min(view.frames_dewarped for view in gateway.views.values()) < RATE
@@ -185,83 +189,86 @@ def running(clip: Path, suffix: str, seconds: float) -> tuple[int, float, int, f
             time.sleep(0.05)
         before = resource.getrusage(resource.RUSAGE_SELF)
         start, received = time.monotonic(), gateway.frames_received
-        counted = (
+        initial_counts = (
             sum(v.frames_dewarped for v in gateway.views.values()),
             sum(v.dropped for v in gateway.views.values()),
         )
-        first = len(delays.seconds)
+        first = len(latencies.seconds)
         time.sleep(seconds)
-        after, lasted = resource.getrusage(resource.RUSAGE_SELF), time.monotonic() - start
-        drawn = sum(v.frames_dewarped for v in gateway.views.values()) - counted[0]
-        dropped = sum(v.dropped for v in gateway.views.values()) - counted[1]
-        came = gateway.frames_received - received
-        watcher.terminate()
+        after, elapsed_s = resource.getrusage(resource.RUSAGE_SELF), time.monotonic() - start
+        dewarped = sum(v.frames_dewarped for v in gateway.views.values()) - initial_counts[0]
+        dropped = sum(v.dropped for v in gateway.views.values()) - initial_counts[1]
+        received_frames = gateway.frames_received - received
+        client.terminate()
         server.should_exit = True
         thread.join()
         sender.terminate()
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    late_ms = 1e3 * np.array(delays.seconds[first:])
+    used_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    latencies_ms = 1e3 * np.array(latencies.seconds[first:])
     return (
-        drawn,
-        used / lasted,
+        dewarped,
+        used_s / elapsed_s,
         dropped,
-        float(np.median(late_ms)),
-        float(np.percentile(late_ms, 95)),
-        came / lasted,
+        float(np.median(latencies_ms)),
+        float(np.percentile(latencies_ms, 95)),
+        received_frames / elapsed_s,
     )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--image", type=Path, help="photograph; generated noise by default")
     parser.add_argument(
         "--frames", type=int, default=50, help="number of frames for the separate steps"
     )
     parser.add_argument("--seconds", type=int, default=8)
     arguments = parser.parse_args()
-    if arguments.picture:
-        photograph = om.read_image(arguments.picture)[..., :3]
+    if arguments.image:
+        photograph = om.read_image(arguments.image)[..., :3]
     else:
         photograph = cv2.GaussianBlur(
             np.random.default_rng(0).integers(0, 255, (1000, 1000, 3), np.uint8), (0, 0), 4
         )
-    rows, live = [], []
+    rows, gateway_rows = [], []
     with tempfile.TemporaryDirectory() as folder:
         clip = Path(folder) / "clip.ts"
         make_clip(clip, photograph, RATE * (arguments.seconds + 20))
-        found = steps(clip, arguments.frames)
-        decoding, drawing, h264, jpeg = found.values()
-        for name, ms in found.items():
-            times = 1 if name.startswith("decoding") else len(VIEWS)
-            rows.append(f"| {name} | {ms:.2f} | {times * ms * RATE / 1e3:.2f} |")
-        for name, coding in (("H.264", h264), ("JPEG", jpeg)):
-            cores = (decoding + len(VIEWS) * (drawing + coding)) * RATE / 1e3
+        times_ms = measure_steps(clip, arguments.frames)
+        decoding, drawing, h264, jpeg = times_ms.values()
+        for name, ms in times_ms.items():
+            repetitions = 1 if name.startswith("decoding") else len(VIEWS)
+            rows.append(f"| {name} | {ms:.2f} | {repetitions * ms * RATE / 1e3:.2f} |")
+        for name, encoding in (("H.264", h264), ("JPEG", jpeg)):
+            cores = (decoding + len(VIEWS) * (drawing + encoding)) * RATE / 1e3
             rows.append(f"| total, {name} | | {cores:.2f} of {TARGET_CORES} |")
         for suffix in ("ts", "mjpg"):
-            drawn, cores, dropped, median, late, rate = running(clip, suffix, arguments.seconds)
-            live.append(
-                f"| {suffix} | {rate:.1f} | {drawn} | {dropped} | {cores:.2f} | {median:.1f} | {late:.1f} | "
-                f"{late * RATE / 1e3:.2f} |"
+            dewarped, cores, dropped, median, percentile_95, rate = measure_gateway(
+                clip, suffix, arguments.seconds
+            )
+            gateway_rows.append(
+                f"| {suffix} | {rate:.1f} | {dewarped} | {dropped} | "
+                f"{cores:.2f} | {median:.1f} | {percentile_95:.1f} | "
+                f"{percentile_95 * RATE / 1e3:.2f} |"
             )
     lines = [
         f"# Gateway: {len(VIEWS)} views of 640 x 360 px from {WIDTH} x {HEIGHT} px at {RATE} frames per second",
         "",
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, PyAV "
-        f"{av.__version__}; {arguments.frames} frames of each step, {arguments.seconds} s in operation.",
+        f"{av.__version__}; {arguments.frames} frames per step, {arguments.seconds} s of operation.",
         "",
         "| step | processor time, ms | cores |",
         "|---|---|---|",
         *rows,
         "",
         "| client protocol | frames/s of the source | dewarped views | dropped frames "
-        "| cores | delay, ms | 95 % | frames |",
+        "| cores | latency, ms | 95th percentile, ms | latency, frames |",
         "|---|---|---|---|---|---|---|---|",
-        *live,
+        *gateway_rows,
     ]
     print("\n".join(lines))
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "gateway_load.md", "\n".join(lines) + "\n")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.output / "gateway_load.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

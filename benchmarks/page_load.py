@@ -3,7 +3,7 @@
 The page runs in a headless Chromium. Without a GPU, the shaders run on the processor, and the latency increases
 accordingly.
 
-    python benchmarks/page_load.py --out out/benchmarks
+    python benchmarks/page_load.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from circumstances import other_load, processor
+from measurement_conditions import load_warning, processor_name
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from omnimirror.apps.studio.pages import PAGE
@@ -30,7 +30,7 @@ FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 SIZE = {"width": 1280, "height": 800}
 VIEWS = {"panorama": "mode=panorama", "perspective": "mode=perspective&hfov=80"}
 DRAGS = 60
-WATCH = """() => {
+DELAY_SCRIPT = """() => {
   const { canvas } = window.omnimirror.look;
   const gl = canvas.getContext("webgl2");
   window.delays = [];
@@ -41,23 +41,23 @@ WATCH = """() => {
 }"""
 
 
-def row(what: str, values: list[float], unit: str, target: str) -> str:
+def row(label: str, values: list[float], unit: str, target: str) -> str:
     """Return a row of the table."""
-    worst = f"{np.percentile(values, 95):.0f}" if len(values) > 1 else ""
-    line = f"| {what} | {np.median(values):.0f} | {worst} | {unit} | {target} |"
+    percentile_95 = f"{np.percentile(values, 95):.0f}" if len(values) > 1 else ""
+    line = f"| {label} | {np.median(values):.0f} | {percentile_95} | {unit} | {target} |"
     print(line, flush=True)
     return line
 
 
-def weight() -> Iterator[str]:
+def file_sizes() -> Iterator[str]:
     """Yield the size of each file of the page, compressed as by web servers."""
     for path in sorted(PAGE.parent.iterdir(), reverse=True):
-        what = "the page" if path == PAGE else f"`{path.name}`, fetched when it is wanted"
+        label = "page" if path == PAGE else f"`{path.name}`, loaded on demand"
         yield row(
-            f"{what}, compressed",
+            f"{label}, compressed",
             [len(gzip.compress(path.read_bytes(), 9)) / 1000],
             "kB",
-            "300 in all",
+            "300 in total",
         )
 
 
@@ -65,7 +65,7 @@ def first_paint(browser: Browser, address: str, runs: int) -> Iterator[str]:
     """Yield the time from the request to the first paint, with an empty browser cache."""
     times = []
     for _ in range(runs):
-        page = opened(browser, address)
+        page = open_page(browser, address)
         paint = "performance.getEntriesByName('first-contentful-paint')[0]?.startTime"
         times.append(page.wait_for_function(paint).json_value())
         page.context.close()
@@ -75,26 +75,26 @@ def first_paint(browser: Browser, address: str, runs: int) -> Iterator[str]:
 def drag_to_frame(browser: Browser, address: str) -> Iterator[str]:
     """Yield the delay from the pointer movement to the updated view."""
     for name, state in VIEWS.items():
-        page = opened(browser, f"{address}#source=room&{state}")
+        page = open_page(browser, f"{address}#source=room&{state}")
         page.wait_for_function("window.omnimirror.look.feed")
         page.wait_for_selector("#view:visible")
         box = page.locator("#view").bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         page.mouse.move(x, y)
         page.mouse.down()
-        page.evaluate(WATCH)
+        page.evaluate(DELAY_SCRIPT)
         for i in range(DRAGS):
             page.mouse.move(x + 2 * (i + 1), y)
             page.wait_for_function(f"window.delays.length > {i}")
         width, height = page.evaluate(
             "[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]"
         )
-        what = f"drag to frame, {name} of {width} x {height} px"
-        yield row(what, page.evaluate("window.delays"), "ms", "")
+        label = f"drag to frame, {name} of {width} x {height} px"
+        yield row(label, page.evaluate("window.delays"), "ms", "")
         page.context.close()
 
 
-def opened(browser: Browser, address: str) -> Page:
+def open_page(browser: Browser, address: str) -> Page:
     """Return a page that has loaded its first camera."""
     page = browser.new_context(viewport=SIZE, bypass_csp=True, reduced_motion="reduce").new_page()
     page.goto(address)
@@ -103,9 +103,9 @@ def opened(browser: Browser, address: str) -> Page:
 
 
 @contextmanager
-def served(*words: str | Path) -> Iterator[str]:
+def start_studio(*command_arguments: str | Path) -> Iterator[str]:
     """Yield the address of a studio started by a command; an empty studio by default."""
-    command = [sys.executable, "-m", "omnimirror", *(words or ("studio",)), "--no-open"]
+    command = [sys.executable, "-m", "omnimirror", *(command_arguments or ("studio",)), "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
             yield re.search(r"http://\S+", server.stdout.readline())[0]
@@ -115,36 +115,37 @@ def served(*words: str | Path) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=9)
     arguments = parser.parse_args()
-    load = other_load()
+    load_note = load_warning()
     executable = (
         os.environ.get("CHROMIUM")
         or shutil.which("chromium")
         or shutil.which("chromium-headless-shell")
     )
-    with served() as address, sync_playwright() as playwright:
+    with start_studio() as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
-        measured = [
-            weight(),
+        measurements = [
+            file_sizes(),
             first_paint(browser, address, arguments.runs),
             drag_to_frame(browser, address),
         ]
-        rows = [line for lines in measured for line in lines]
+        rows = [line for lines in measurements for line in lines]
         lines = [
             "# The studio's page",
             "",
-            f"`{Path(__file__).name}` on {processor()}, {os.cpu_count()} cores, Chromium {browser.version} without a "
-            f"graphics card.{load}",
+            f"`{Path(__file__).name}` on {processor_name()}, "
+            f"{os.cpu_count()} cores, Chromium {browser.version} without a "
+            f"GPU.{load_note}",
             "",
-            "| | median | 95 % | | target |",
+            "| quantity | median | 95th percentile | unit | target |",
             "|---|---|---|---|---|",
             *rows,
         ]
         browser.close()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "page_load.md", "\n".join(lines) + "\n")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.output / "page_load.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 The first report includes the import of the plotting package and the preparation of the room.
 
-    python benchmarks/report_download.py --out out/benchmarks
+    python benchmarks/report_download.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from circumstances import circumstances
+from measurement_conditions import describe_conditions
 
 import omnimirror as om
 from omnimirror.apps.studio._bench_files import downloaded
@@ -23,42 +23,42 @@ from omnimirror.optics.sensor_files import tables_of
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")
 
 
-def once(name: str) -> tuple[float, float, int]:
+def measure_report(name: str) -> tuple[float, float, int]:
     """Return wall-clock seconds, core seconds and bytes of a report."""
-    asked = FileRequest(
+    request = FileRequest(
         tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None
     )
-    wall, cores = time.perf_counter(), time.process_time()
-    made = downloaded(asked)
-    return time.perf_counter() - wall, time.process_time() - cores, len(made.data)
+    wall, cpu = time.perf_counter(), time.process_time()
+    report = downloaded(request)
+    return time.perf_counter() - wall, time.process_time() - cpu, len(report.data)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=5)
     arguments = parser.parse_args()
     rows = []
     for number, name in enumerate(SENSORS):
         if number == 0:
-            wall, cores, size = once(name)
+            wall, cpu, size = measure_report(name)
             rows.append(
-                f"| {name}, first report of the server | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |"
+                f"| {name}, first report of the server | {wall:.1f} | {cpu:.1f} | {size / 1e6:.1f} |"
             )
-        wall, cores, size = np.median([once(name) for _ in range(arguments.runs)], axis=0)
-        rows.append(f"| {name} | {wall:.1f} | {cores:.1f} | {size / 1e6:.1f} |")
+        wall, cpu, size = np.median([measure_report(name) for _ in range(arguments.runs)], axis=0)
+        rows.append(f"| {name} | {wall:.1f} | {cpu:.1f} | {size / 1e6:.1f} |")
         print(*rows, sep="\n", flush=True)
     lines = [
         "# Reports",
         "",
-        circumstances(arguments.runs).replace("interleaved runs", "reports"),
+        describe_conditions(arguments.runs).replace("interleaved runs", "reports"),
         "",
-        "| report | s | CPU time, s | MB |",
+        "| report | wall time, s | CPU time, s | size, MB |",
         "|---|---|---|---|",
         *rows,
         "",
     ]
-    write_text(arguments.out / "report_download.md", "\n".join(lines))
+    write_text(arguments.output / "report_download.md", "\n".join(lines))
 
 
 if __name__ == "__main__":

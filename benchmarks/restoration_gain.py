@@ -5,10 +5,10 @@ the calibration hall, dead leaves with lettering, and photographs in equirectang
 samples the same areas of the same pixels through a pinhole.
 
 Gains are those of the 8-bit sRGB image for the inner 2/3 of the radius, the outer 1/3, and the worst of ten
-rings. *Blur alone* is the PSNR without noise; noise alone corresponds to 40 dB. With --best, a column reports the
+rings. *Blur only* is the PSNR without noise; noise alone corresponds to 40 dB. With --best, a column reports the
 maximum gain with a specified noise of half to twice the true value, chosen with knowledge of the truth.
 
-    python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg --out out/benchmarks
+    python benchmarks/restoration_gain.py --environment museum.hdr lawn.jpg -o out/benchmarks
     python benchmarks/restoration_gain.py --tuning                # the scenes used for tuning the weights
     python benchmarks/restoration_gain.py --pixels 512 --blur-factors 0.85 1.15   # incorrectly specified blur
     python benchmarks/restoration_gain.py --pixels 256 --jpeg 60 75 92         # JPEG images with estimated noise
@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from circumstances import processor
+from measurement_conditions import processor_name
 from numpy.typing import NDArray
 
 import omnimirror as om
@@ -42,7 +42,7 @@ from omnimirror.simulation.scenes.street import Street
 NOISE = 0.01
 RUNS = 3  # the median is reported; the first run includes memory allocation by the system
 SENSORS = ("paper-spherical", "paper-equidistant", "paper-hyperboloidal")
-TOLD = (0.5, 0.7, 1.4, 2.0)
+NOISE_FACTORS = (0.5, 0.7, 1.4, 2.0)
 CROPS = (
     ("paper-spherical", "dead leaves", (20, 330)),
     ("paper-spherical", "hall", (20, 380)),
@@ -52,9 +52,9 @@ COLUMNS = (
     "sensor",
     "scene",
     "blur only, dB",
-    "given image, dB",
+    "degraded image, dB",
     "gain, dB",
-    "worst tenth, dB",
+    "worst ring, dB",
     "CPU time, s",
     "first image, CPU time, s",
 )
@@ -67,35 +67,38 @@ def dead_leaves(
     lettering."""
     rng = np.random.default_rng(seed)
     height = width // 2
-    picture = np.full((height, width, 3), 128, np.uint8)
+    image = np.full((height, width, 3), 128, np.uint8)
     smallest, largest = smallest_deg * width / 360, width / 14
     radii = 1 / np.sqrt(rng.uniform(1 / largest**2, 1 / smallest**2, leaves))
     for radius in radii:
         u, latitude = rng.random() * width, np.arcsin(rng.uniform(-1, 1))
-        v, wide = (
+        v, half_width = (
             (0.5 - latitude / np.pi) * height,
             min(radius / max(np.cos(latitude), 0.05), width / 4),
         )
         colour = rng.uniform(10, 245, 3).tolist()
-        for turn in (-width, 0, width):
-            centre, axes = (int(16 * (u + turn)), int(16 * v)), (int(16 * wide), int(16 * radius))
-            cv2.ellipse(picture, centre, axes, 0, 0, 360, colour, -1, cv2.LINE_8, 4)
+        for shift in (-width, 0, width):
+            centre, axes = (
+                (int(16 * (u + shift)), int(16 * v)),
+                (int(16 * half_width), int(16 * radius)),
+            )
+            cv2.ellipse(image, centre, axes, 0, 0, 360, colour, -1, cv2.LINE_8, 4)
     for _ in range(leaves // 64):
-        place = (
+        position = (
             int(rng.uniform(0, 0.93) * width),
             int((0.5 - np.arcsin(rng.uniform(-0.9, 0.9)) / np.pi) * height),
         )
         size, colour = rng.uniform(0.1, 0.4) * smallest, rng.uniform(0, 255, 3).tolist()
         cv2.putText(
-            picture,
+            image,
             "omnimirror 212",
-            place,
+            position,
             cv2.FONT_HERSHEY_SIMPLEX,
             size,
             colour,
             1 + int(2 * size),
         )
-    return om.Environment(linear_from_srgb(picture / 255.0))
+    return om.Environment(linear_from_srgb(image / 255.0))
 
 
 def clouds(width: int = 4096, seed: int = 11) -> om.Environment:
@@ -114,7 +117,7 @@ def clouds(width: int = 4096, seed: int = 11) -> om.Environment:
     return om.Environment(linear_from_srgb(np.clip(0.45 + 0.2 * colours, 0, 1)).astype(np.float32))
 
 
-def exposed(path: Path, saturated: float = 0.005) -> om.Environment:
+def load_environment(path: Path, saturated: float = 0.005) -> om.Environment:
     """Return an environment with an exposure that saturates at most a given fraction of the image."""
     bright = np.quantile(om.Environment.load(path).light.max(axis=2), 1 - saturated)
     return om.Environment.load(path, gain=min(1.0, 1 / float(bright)))
@@ -125,7 +128,7 @@ class Gains(NamedTuple):
 
     blurred_db: NDArray[np.float64]
     """PSNR (2,) of the blurred image: inner 2/3 of the radius, outer 1/3."""
-    given_db: NDArray[np.float64]
+    input_db: NDArray[np.float64]
     """PSNR (2,) with noise."""
     gain_db: NDArray[np.float64]
     best_db: NDArray[np.float64]
@@ -133,7 +136,7 @@ class Gains(NamedTuple):
     tenths_db: NDArray[np.float64]
     """Gains (10,) by radial zone."""
     seconds: float
-    pictures: tuple[Any, Any, Any]
+    images: tuple[Any, Any, Any]
     """Images without blur, degraded, and restored."""
 
 
@@ -142,7 +145,7 @@ def gains(
     scene: Scene,
     noise: float = NOISE,
     seed: int = 1,
-    told: Sequence[float] = (),
+    noise_factors: Sequence[float] = (),
     quality: int | None = None,
 ) -> Gains:
     """Render images with and without blur, add noise, restore and compare; also for scaled noise
@@ -154,44 +157,44 @@ def gains(
     sharp = srgb_from_linear(om.expose(sensor, scene, samples=16))
     blurred = srgb_from_linear(om.expose(sensor, scene, samples=64, blur=True))
     noisy = blurred + noise * np.random.default_rng(seed).standard_normal(blurred.shape)
-    given = np.rint(255 * np.clip(noisy, 0, 1)).astype(np.uint8)
+    degraded = np.rint(255 * np.clip(noisy, 0, 1)).astype(np.uint8)
     if quality is not None:
-        given = coded(given, quality)
+        degraded = jpeg_round_trip(degraded, quality)
     times = []
     for _ in range(RUNS):
         start = time.process_time()
-        restored = restorer(given, noise if quality is None else None)
+        restored = restorer(degraded, noise if quality is None else None)
         times.append(time.process_time() - start)
     radius = restorer.radius / sensor.rim_radius_px
 
-    def psnr(picture: NDArray[Any], edges: Any) -> NDArray[np.float64]:
-        error = ((picture / 255.0 - sharp) ** 2).mean(axis=2)
+    def psnr(image: NDArray[Any], edges: Any) -> NDArray[np.float64]:
+        error = ((image / 255.0 - sharp) ** 2).mean(axis=2)
         parts = [error[(a <= radius) & (radius < b)].mean() for a, b in pairwise(edges)]
         return -10 * np.log10(parts)
 
     thirds, tenths = (0, 2 / 3, 1), np.linspace(0, 1, 11)
-    before, after = psnr(given, thirds), psnr(restored, thirds)
-    others = [psnr(restorer(given, share * noise), thirds) for share in told]
+    before, after = psnr(degraded, thirds), psnr(restored, thirds)
+    others = [psnr(restorer(degraded, share * noise), thirds) for share in noise_factors]
     return Gains(
         psnr(np.asarray(255 * blurred), thirds),
         before,
         after - before,
         np.max([after, *others], axis=0) - before,
-        psnr(restored, tenths) - psnr(given, tenths),
+        psnr(restored, tenths) - psnr(degraded, tenths),
         float(np.median(times)),
-        (np.rint(255 * sharp).astype(np.uint8), given, restored),
+        (np.rint(255 * sharp).astype(np.uint8), degraded, restored),
     )
 
 
-def coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+def jpeg_round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """Encode as JPEG and decode."""
-    data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return np.ascontiguousarray(
         np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1]
     )
 
 
-def faster(sensor: om.Sensor, pixels: int, f_number: float) -> om.Sensor:
+def with_fewer_pixels(sensor: om.Sensor, pixels: int, f_number: float) -> om.Sensor:
     """Return the sensor with fewer, larger pixels and a lens with the same blur in pixels."""
     imager = type(sensor.imager)(
         pixels, pixels, sensor.imager.pixel_pitch_um * sensor.imager.width_px / pixels
@@ -203,57 +206,62 @@ def table(
     sensors: Sequence[str],
     scenes: dict[str, Scene],
     out: Path,
-    told: Sequence[float],
+    noise_factors: Sequence[float],
     pixels: int,
-    wrong: Sequence[float],
+    blur_factors: Sequence[float],
     qualities: Sequence[int],
 ) -> Iterator[str]:
     """Yield the lines of the table; write the images."""
     columns = [
         *COLUMNS,
-        *["best gain, dB"][: len(told)],
-        *(f"worst tenth, {times:g} of the specified blur" for times in wrong),
-        *(f"worst tenth, JPEG {quality}" for quality in qualities),
+        *["best gain, dB"][: len(noise_factors)],
+        *(f"worst ring, {times:g} of the specified blur" for times in blur_factors),
+        *(f"worst ring, JPEG {quality}" for quality in qualities),
     ]
     yield f"| {' | '.join(columns)} |"
     yield "|---" * len(columns) + "|"
     for name in sensors:
         sensor = om.load_sensor(name)
         restorer = Restorer(
-            faster(sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px)
+            with_fewer_pixels(
+                sensor, pixels, sensor.lens.f_number * pixels / sensor.imager.width_px
+            )
         )
         others = [
             Restorer(restorer.camera, specified=restorer.known.scaled(times).sizes)
-            for times in wrong
+            for times in blur_factors
         ]
-        plain = np.full((*restorer.camera.image_size[::-1], 3), 128, np.uint8)
+        uniform = np.full((*restorer.camera.image_size[::-1], 3), 128, np.uint8)
         start = time.process_time()
-        restorer(plain, NOISE)
+        restorer(uniform, NOISE)
         first = time.process_time() - start
-        for scene, seen in scenes.items():
-            found = gains(restorer, seen, told=told)
+        for scene, scene_model in scenes.items():
+            result = gains(restorer, scene_model, noise_factors=noise_factors)
             pairs = (
-                f"{rest:.1f} / {outer:.1f}" for rest, outer in (found.blurred_db, found.given_db)
+                f"{inner:.1f} / {outer:.1f}"
+                for inner, outer in (result.blurred_db, result.input_db)
             )
-            won, best = (
-                f"{rest:+.2f} / {outer:+.2f}" for rest, outer in (found.gain_db, found.best_db)
+            gain, best = (
+                f"{inner:+.2f} / {outer:+.2f}" for inner, outer in (result.gain_db, result.best_db)
             )
             cells = [
                 name,
                 scene,
                 *pairs,
-                won,
-                f"{found.tenths_db.min():+.1f}",
-                f"{found.seconds:.1f}",
+                gain,
+                f"{result.tenths_db.min():+.1f}",
+                f"{result.seconds:.1f}",
                 f"{first:.1f}",
             ]
-            cells += [best][: len(told)] + [
-                f"{gains(other, seen).tenths_db.min():+.2f}" for other in others
+            cells += [best][: len(noise_factors)] + [
+                f"{gains(other, scene_model).tenths_db.min():+.2f}" for other in others
             ]
-            cells += [f"{gains(restorer, seen, quality=q).tenths_db.min():+.2f}" for q in qualities]
+            cells += [
+                f"{gains(restorer, scene_model, quality=q).tenths_db.min():+.2f}" for q in qualities
+            ]
             yield f"| {' | '.join(cells)} |"
-            for kind, picture in zip(("sharp", "given", "restored"), found.pictures, strict=True):
-                om.write_image(out / f"{name}-{scene}-{kind}.png", picture)
+            for kind, image in zip(("sharp", "given", "restored"), result.images, strict=True):
+                om.write_image(out / f"{name}-{scene}-{kind}.png", image)
 
 
 def crops(out: Path) -> NDArray[np.uint8]:
@@ -276,13 +284,14 @@ def crops(out: Path) -> NDArray[np.uint8]:
     return np.vstack(rows)
 
 
-def circumstances(pixels: int) -> str:
+def describe_conditions(pixels: int) -> str:
     """Describe the machine of the timings."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     kernels = backend.name if backend.is_compiled else "no compiled"
     return (
         f"`restoration_gain.py`: one image of {pixels} x {pixels} px in colour, {backend.threads} threads on "
-        f"{processor()}, {os.cpu_count()} cores, {kernels} kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
+        f"{processor_name()}, {os.cpu_count()} cores, {kernels} "
+        f"kernels, OpenCV {cv2.__version__}, NumPy {np.__version__}; "
         f"the load average before the run was {load:.0f}. "
         f"*CPU time* is the sum over all cores, as the median of {RUNS} runs; *first image* includes all "
         "preparations for a sensor. Pairs of values refer to the inner 2/3 and the outer 1/3 of the radius.\n"
@@ -291,7 +300,7 @@ def circumstances(pixels: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument(
         "--environment", type=Path, nargs="*", default=[], help="equirectangular images"
     )
@@ -326,16 +335,18 @@ def main() -> None:
         )
     else:
         name, scenes = "restoration_gain", {"hall": Hall(), "dead leaves": dead_leaves()}
-        scenes |= {p.stem: exposed(p) for p in arguments.environment}
-    lines = [circumstances(arguments.pixels)]
-    told = TOLD if arguments.best else ()
+        scenes |= {p.stem: load_environment(p) for p in arguments.environment}
+    lines = [describe_conditions(arguments.pixels)]
+    noise_factors = NOISE_FACTORS if arguments.best else ()
     others = (arguments.blur_factors, arguments.jpeg)
-    for line in table(arguments.sensor, scenes, arguments.out, told, arguments.pixels, *others):
+    for line in table(
+        arguments.sensor, scenes, arguments.output, noise_factors, arguments.pixels, *others
+    ):
         print(line, flush=True)
         lines.append(line)
-    write_text(arguments.out / f"{name}.md", "\n".join(lines) + "\n")
+    write_text(arguments.output / f"{name}.md", "\n".join(lines) + "\n")
     if arguments.crops:
-        om.write_image(arguments.crops, crops(arguments.out))
+        om.write_image(arguments.crops, crops(arguments.output))
 
 
 if __name__ == "__main__":

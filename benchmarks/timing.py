@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable
 
 
-def interleaved(
+def measure_interleaved(
     functions: dict[str, Callable[[], object]],
     runs: int,
-    in_a_row: int = 1,
+    repetitions: int = 1,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, float]:
     """Return the median time per call of each function in ms, interleaved in groups of calls after
@@ -20,14 +20,14 @@ def interleaved(
         function()
     for _ in range(runs):
         for name, function in functions.items():
-            for _ in range(in_a_row):
+            for _ in range(repetitions):
                 start = clock()
                 function()
                 times[name].append(clock() - start)
     return {name: 1e3 * statistics.median(t) for name, t in times.items()}
 
 
-def measured(
+def measure_wall_and_cpu(
     functions: dict[str, Callable[[], object]], runs: int
 ) -> dict[str, tuple[float, float]]:
     """Return the median wall-clock and processor time per call of each function in ms, interleaved."""
@@ -40,6 +40,6 @@ def measured(
             function()
             times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
     return {
-        name: tuple(1e3 * statistics.median(t) for t in zip(*all_, strict=True))
-        for name, all_ in times.items()
+        name: tuple(1e3 * statistics.median(t) for t in zip(*samples, strict=True))
+        for name, samples in times.items()
     }

@@ -4,7 +4,7 @@ Errors are decentre, displacement and tilt of the mirror and twelve Zernike term
 tangential and sagittal blur, focus for minimum RMS. The kernel on one and two threads and the NumPy implementation run
 interleaved in one process; results are medians.
 
-    python benchmarks/tolerance_rate.py --out out/benchmarks
+    python benchmarks/tolerance_rate.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from timing import interleaved
+from timing import measure_interleaved
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -26,7 +26,7 @@ from omnimirror.manufacturing.tolerancing.compensation import POSE
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant", "exact-equidistant")
-TRIALS, FEW, RUNS = 8192, 256, 9
+TRIALS, NUMPY_TRIALS, RUNS = 8192, 256, 9
 ERRORS = {name: om.Tolerance(0.1) for name in POSE}
 ERRORS |= {f"mirror.zernike_{j}_um": om.Tolerance(1.0) for j in range(4, 16)}
 
@@ -45,22 +45,22 @@ def functions_of(name: str) -> dict[str, Callable[[], object]]:
 
     def in_numpy() -> object:
         with mock.patch.object(backend, "module", None):
-            return evaluator.evaluate(tolerances.drawn(0, 0, FEW))
+            return evaluator.evaluate(tolerances.drawn(0, 0, NUMPY_TRIALS))
 
     return {"1": compiled(1), "2": compiled(2), "NumPy": in_numpy}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     rows = []
     for name in SENSORS:
-        medians = interleaved(functions_of(name), RUNS)
+        medians = measure_interleaved(functions_of(name), RUNS)
         one, two, numpy = (
             1e3 * TRIALS / medians["1"],
             1e3 * TRIALS / medians["2"],
-            1e3 * FEW / medians["NumPy"],
+            1e3 * NUMPY_TRIALS / medians["NumPy"],
         )
         rows.append(f"| {name} | {one:,.0f} | {two:,.0f} | {numpy:,.0f} |")
     cores = os.cpu_count() or 1
@@ -75,7 +75,7 @@ def main() -> None:
         ]
     )
     print(table)
-    write_text(arguments.out / "tolerance_rate.md", table + "\n")
+    write_text(arguments.output / "tolerance_rate.md", table + "\n")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ the paper, aligned and misaligned, with and without trainable parameters. The fo
 backward pass is that of the sum of all outputs and is compared with the recorded forward pass. On a GPU, 16 million
 rays are computed at once in both precisions, in device time.
 
-    python benchmarks/torch_rate.py --out out/benchmarks
-    python benchmarks/torch_rate.py --device cuda --out out/benchmarks
+    python benchmarks/torch_rate.py -o out/benchmarks
+    python benchmarks/torch_rate.py --device cuda -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from circumstances import circumstances
+from measurement_conditions import describe_conditions
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -31,17 +31,17 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 RAYS = {"cpu": 1 << 20, "cuda": 1 << 24}
 RATES = {"cpu": "rays/s per core", "cuda": "rays/s"}
 POSES = {"aligned": MirrorPose(), "misaligned": MirrorPose(1.0, 0.0, 0.0, 1.0, 1.0)}
-LEARNED = {"": (), "focal length, tilt, shape": ("focal", "tilt", "shape")}
+TRAINED = {"": (), "focal length, tilt, shape": ("focal", "tilt", "shape")}
 
 
-def asked(device: str, dtype: torch.dtype) -> dict[str, torch.Tensor]:
+def make_inputs(device: str, dtype: torch.dtype) -> dict[str, torch.Tensor]:
     rng = np.random.default_rng(1)
     count = RAYS[device]
-    away = rng.normal(size=(count, 3))
-    away[:, 2] = -np.abs(away[:, 2])
-    away *= rng.uniform(500, 5000, (count, 1)) / np.linalg.norm(away, axis=1)[:, None]
-    what = {"backproject": rng.uniform(170, 850, (count, 2)), "project": away}
-    return {method: torch.from_numpy(rows).to(device, dtype) for method, rows in what.items()}
+    points = rng.normal(size=(count, 3))
+    points[:, 2] = -np.abs(points[:, 2])
+    points *= rng.uniform(500, 5000, (count, 1)) / np.linalg.norm(points, axis=1)[:, None]
+    inputs = {"backproject": rng.uniform(170, 850, (count, 2)), "project": points}
+    return {method: torch.from_numpy(rows).to(device, dtype) for method, rows in inputs.items()}
 
 
 def seconds_of(function: Callable[[], object], device: str) -> float:
@@ -58,69 +58,73 @@ def seconds_of(function: Callable[[], object], device: str) -> float:
     return float(start.elapsed_time(end)) * 1e-3
 
 
-def nanoseconds(function: Callable[[], object], what: torch.Tensor, runs: int) -> float:
+def nanoseconds(function: Callable[[], object], inputs: torch.Tensor, runs: int) -> float:
     """Return the median time per ray, ns."""
     function()
-    times = [seconds_of(function, what.device.type) for _ in range(runs)]
-    return statistics.median(times) / len(what) * 1e9
+    times = [seconds_of(function, inputs.device.type) for _ in range(runs)]
+    return statistics.median(times) / len(inputs) * 1e9
 
 
-def measured(
-    camera: TorchCamera, method: str, what: torch.Tensor, runs: int
+def measure(
+    camera: TorchCamera, method: str, inputs: torch.Tensor, runs: int
 ) -> tuple[float, float, float]:
-    ask, leaf = getattr(camera, method), what.clone().requires_grad_()
+    operation, leaf = getattr(camera, method), inputs.clone().requires_grad_()
     with torch.no_grad():
-        forward = nanoseconds(lambda: ask(what), what, runs)
-    recorded = nanoseconds(lambda: ask(leaf), what, runs)
-    both = nanoseconds(lambda: sum(part.sum() for part in ask(leaf)[:-1]).backward(), what, runs)
-    return forward, recorded, both - recorded
+        forward = nanoseconds(lambda: operation(inputs), inputs, runs)
+    recorded = nanoseconds(lambda: operation(leaf), inputs, runs)
+    total = nanoseconds(
+        lambda: sum(part.sum() for part in operation(leaf)[:-1]).backward(), inputs, runs
+    )
+    return forward, recorded, total - recorded
 
 
 def rows(device: str, dtype: torch.dtype, runs: int) -> Iterator[str]:
     """Yield rows of the table by operation, alignment and learnable parameters."""
     digits = 0 if device == "cpu" else 2
-    for method, what in asked(device, dtype).items():
-        for place, pose in POSES.items():
+    for method, inputs in make_inputs(device, dtype).items():
+        for alignment, pose in POSES.items():
             sensor = replace(om.load_sensor("paper-spherical"), mirror_pose=pose)
-            for learned, free in LEARNED.items():
+            for trained, free in TRAINED.items():
                 camera = differentiable(sensor, free, dtype=dtype, device=device)
-                forward, recorded, backward = measured(camera, method, what, runs)
+                forward, recorded, backward = measure(camera, method, inputs, runs)
                 yield (
-                    f"| {method} | {place} | {learned} | {forward:.{digits}f} | {1e3 / forward:.1f} million "
+                    f"| {method} | {alignment} | {trained} | {forward:.{digits}f} | {1e3 / forward:.1f} million "
                     f"| {recorded:.{digits}f} | {backward:.{digits}f} | {backward / forward:.1f} |"
                 )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--device", choices=tuple(RAYS), default="cpu")
     arguments = parser.parse_args()
     device, runs = arguments.device, arguments.runs
     torch.set_num_threads(1)
     backend.set_threads(1)
-    lines, where = (
+    lines, device_name = (
         ["# Rays in PyTorch"],
         "one core" if device == "cpu" else torch.cuda.get_device_name(),
     )
     for dtype in (torch.float64,) if device == "cpu" else (torch.float64, torch.float32):
-        about = f"{RAYS[device]} rays in {str(dtype)[6:]}, PyTorch {torch.__version__}, {where}. {circumstances(runs)}"
-        rate = "rays/s per core" if device == "cpu" else "rays/s"
+        conditions = (
+            f"{RAYS[device]} rays in {str(dtype)[6:]}, PyTorch "
+            f"{torch.__version__}, {device_name}. {describe_conditions(runs)}"
+        )
         lines += [
             "",
-            about,
+            conditions,
             "",
-            f"| | mirror | trained parameters | forward, ns | {rate} | forward with graph, ns "
+            f"| | mirror | trained parameters | forward, ns | {RATES[device]} | forward with graph, ns "
             "| backward, ns | backward / forward |",
         ]
         lines.append("|---|---|---|---|---|---|---|---|")
         for line in rows(device, dtype, runs):
             lines.append(line)
             print(line, flush=True)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    name = "torch_rate.md" if device == "cpu" else "torch_rate_card.md"
-    write_text(arguments.out / name, "\n".join(lines) + "\n")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    name = "torch_rate.md" if device == "cpu" else "torch_rate_gpu.md"
+    write_text(arguments.output / name, "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ v360 runs in the filter graph of PyAV between the same reader and writer, and in
 installed. Both treat the image as that of a mirror ball; the results differ (v360 supports one mirror and reverses the
 image), but the amount of work is the same. Variants run interleaved; results are medians.
 
-    python benchmarks/video_rate.py --out out/benchmarks --picture photograph.jpg
+    python benchmarks/video_rate.py -o out/benchmarks --image photograph.jpg
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import av
 import cv2
 import numpy as np
 from av.filter import Graph
-from timing import interleaved
+from timing import measure_interleaved
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -36,15 +36,15 @@ from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
 
-SIDE, SIZE = 1000, (1440, 360)
+SOURCE_PX, VIEW_SIZE = 1000, (1440, 360)
 CAMERA = om.MirrorBall(
-    centre_px=((SIDE - 1) / 2, (SIDE - 1) / 2),
-    rim_radius_px=0.48 * SIDE,
+    centre_px=((SOURCE_PX - 1) / 2, (SOURCE_PX - 1) / 2),
+    rim_radius_px=0.48 * SOURCE_PX,
     field_deg=270.0,
-    image_size=(SIDE, SIDE),
+    image_size=(SOURCE_PX, SOURCE_PX),
 )
-SCREEN = om.screens.Cylinder(SIZE, -70.0, 40.0)
-V360 = f"input=ball:output=equirect:w={SIZE[0]}:h={SIZE[1]}:interp=linear"
+SCREEN = om.screens.Cylinder(VIEW_SIZE, -70.0, 40.0)
+V360 = f"input=ball:output=equirect:w={VIEW_SIZE[0]}:h={VIEW_SIZE[1]}:interp=linear"
 CODECS: dict[str, tuple[str, dict[str, str], str]] = {
     "H.264, veryfast": ("libx264", {"preset": "veryfast", "crf": "23"}, ".mp4"),
     "MPEG-4": ("mpeg4", {"b": "8000000"}, ".mp4"),
@@ -57,11 +57,13 @@ def make_source(
     path: Path, photograph: np.ndarray, frames: int, codec: str, options: dict[str, str]
 ) -> Path:
     """Encode a photograph that rotates about its centre."""
-    middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
-    with VideoWriter(path, (SIDE, SIDE), 60, codec=codec, options=options) as video:
+    centre = ((SOURCE_PX - 1) / 2, (SOURCE_PX - 1) / 2)
+    with VideoWriter(path, (SOURCE_PX, SOURCE_PX), 60, codec=codec, options=options) as video:
         for i in range(frames):
-            turn = cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0)
-            video.write(frame_of_image(cv2.warpAffine(photograph, turn, (SIDE, SIDE))))
+            rotation = cv2.getRotationMatrix2D(centre, 0.5 * i, 1.0)
+            video.write(
+                frame_of_image(cv2.warpAffine(photograph, rotation, (SOURCE_PX, SOURCE_PX)))
+            )
     return path
 
 
@@ -72,7 +74,11 @@ class Filter:
         self.graph = Graph()
         self.graph.threads = threads
         source = self.graph.add_buffer(
-            width=SIDE, height=SIDE, format=frame.format, time_base=frame.time_base, name="source"
+            width=SOURCE_PX,
+            height=SOURCE_PX,
+            format=frame.format,
+            time_base=frame.time_base,
+            name="source",
         )
         v360, sink = self.graph.add("v360", V360), self.graph.add("buffersink")
         source.link_to(v360)
@@ -89,11 +95,11 @@ def convert(
 ) -> None:
     """Convert a video file with a function of frames."""
     with VideoReader(source) as reader:
-        sink = VideoWriter.from_source(reader, output, SIZE, codec=codec, options=options)
+        sink = VideoWriter.from_source(reader, output, VIEW_SIZE, codec=codec, options=options)
         process(reader.items(), sink, function, "frame")
 
 
-def with_program(
+def convert_with_ffmpeg(
     source: Path, output: Path, codec: str, options: dict[str, str], threads: int, program: str
 ) -> None:
     """Convert with the ffmpeg program."""
@@ -114,7 +120,7 @@ def with_program(
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
 
 
-def from_file_to_file(
+def measure_files(
     photograph: np.ndarray, folder: Path, frames: int, runs: int, program: str | None
 ) -> list[str]:
     rows = []
@@ -124,19 +130,19 @@ def from_file_to_file(
         output = folder / f"view{suffix}"
         with VideoReader(source) as reader:
             v360 = Filter(next(reader.frames()), threads)
-        ours = partial(dewarp_frame, om.Dewarper(CAMERA, SCREEN, "linear", keep_map=True))
+        dewarp = partial(dewarp_frame, om.Dewarper(CAMERA, SCREEN, "linear", keep_map=True))
         functions: dict[str, Callable[[], object]] = {
             "omnimirror": lambda: convert(
                 source,
                 output,
                 codec,
                 options,
-                lambda frame, time_s: ours(frame),
+                lambda frame, time_s: dewarp(frame),
             ),
             "v360 in PyAV": lambda: convert(source, output, codec, options, v360),
         }
         if program:
-            functions["ffmpeg"] = lambda: with_program(
+            functions["ffmpeg"] = lambda: convert_with_ffmpeg(
                 source,
                 output,
                 codec,
@@ -144,10 +150,10 @@ def from_file_to_file(
                 threads,
                 program,
             )
-        ms = interleaved(functions, runs)
-        rate = {who: 1e3 * frames / each for who, each in ms.items()}
-        others = [rate[who] for who in functions if who != "omnimirror"]
-        cells = " | ".join(f"{rate[who]:.0f}" for who in functions)
+        ms = measure_interleaved(functions, runs)
+        rate = {program_name: 1e3 * frames / each for program_name, each in ms.items()}
+        others = [rate[program_name] for program_name in functions if program_name != "omnimirror"]
+        cells = " | ".join(f"{rate[program_name]:.0f}" for program_name in functions)
         rows.append(
             f"| {name} | {cells} | {'' if program else '| '}{rate['omnimirror'] / max(others):.2f} |"
         )
@@ -155,31 +161,31 @@ def from_file_to_file(
     return rows
 
 
-def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
+def measure_frames(photograph: np.ndarray, runs: int) -> list[str]:
     """Measure the repeated conversion of one frame in memory."""
     rows = []
     frame = frame_of_image(photograph).reformat(format="yuv420p")
     frame.pts, frame.time_base = 0, Fraction(1, 60)
-    before = backend.threads
-    for threads in sorted({1, before}):
+    max_threads = backend.threads
+    for threads in sorted({1, max_threads}):
         backend.set_threads(threads)
         v360 = Filter(frame, threads)
         dewarp = om.Dewarper(CAMERA, SCREEN, "linear", keep_map=True)
-        moving = iter(np.arange(0.0, 1e6, 0.1))
+        pan_angles = iter(np.arange(0.0, 1e6, 0.1))
 
-        def move(moving: Any = moving) -> av.VideoFrame:
-            view = om.screens.Plane((1280, 720), float(next(moving)) % 360, -20.0)
+        def dewarp_moving_view(pan_angles: Any = pan_angles) -> av.VideoFrame:
+            view = om.screens.Plane((1280, 720), float(next(pan_angles)) % 360, -20.0)
             return dewarp_frame(om.Dewarper(CAMERA, view, "linear"), frame)
 
         dewarp_frame(dewarp, frame), dewarp_frame(dewarp, frame)  # the second one builds the map
-        ms = interleaved(
+        ms = measure_interleaved(
             {
                 "planes": lambda: dewarp_frame(dewarp, frame),
                 "v360": lambda: v360(frame),
                 "through RGB": lambda: frame_of_image(
                     dewarp(frame.to_ndarray(format="rgb24"))
                 ).reformat(format="yuv420p"),
-                "moving": move,
+                "moving": dewarp_moving_view,
             },
             runs,
         )
@@ -188,14 +194,14 @@ def filter_only(photograph: np.ndarray, runs: int) -> list[str]:
             f"{ms['through RGB']:.2f} | {ms['moving']:.2f} |"
         )
         print(rows[-1], flush=True)
-    backend.set_threads(before)
+    backend.set_threads(max_threads)
     return rows
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--image", type=Path, help="photograph; generated noise by default")
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--threads", type=int, default=4)
@@ -203,24 +209,26 @@ def main() -> None:
         "--ffmpeg", default=shutil.which("ffmpeg"), help="ffmpeg program for the comparison"
     )
     arguments = parser.parse_args()
-    if arguments.picture:
-        photograph = om.read_image(arguments.picture)
+    if arguments.image:
+        photograph = om.read_image(arguments.image)
     else:
         photograph = cv2.GaussianBlur(
-            np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4
+            np.random.default_rng(0).integers(0, 255, (SOURCE_PX, SOURCE_PX, 3), np.uint8),
+            (0, 0),
+            4,
         )
-    photograph = cv2.resize(photograph, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    photograph = cv2.resize(photograph, (SOURCE_PX, SOURCE_PX), interpolation=cv2.INTER_AREA)
     backend.set_threads(arguments.threads)
     with tempfile.TemporaryDirectory() as folder:
-        files = from_file_to_file(
+        files = measure_files(
             photograph, Path(folder), arguments.frames, arguments.runs, arguments.ffmpeg
         )
     lines = [
-        f"# Video, {SIDE} x {SIDE} to {SIZE[0]} x {SIZE[1]}, yuv420p",
+        f"# Video, {SOURCE_PX} x {SOURCE_PX} to {VIEW_SIZE[0]} x {VIEW_SIZE[1]}, yuv420p",
         "",
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, "
         f"{arguments.threads} threads, PyAV {av.__version__}; medians of {arguments.runs} runs of "
-        f"{arguments.frames} frames, in turn.",
+        f"{arguments.frames} frames, interleaved.",
         "",
         "File to file, frames per second:",
         "",
@@ -232,10 +240,10 @@ def main() -> None:
         "",
         "| threads | omnimirror | v360 | ratio | through RGB | moving view |",
         "|---|---|---|---|---|---|",
-        *filter_only(photograph, 60),
+        *measure_frames(photograph, 60),
     ]
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "video_rate.md", "\n".join(lines) + "\n")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.output / "video_rate.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import cv2
 from omnimirror.io import read_image
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE, PICTURES = ROOT / "docs" / "gallery.md", ROOT / "docs" / "images" / "gallery"
+PAGE, IMAGES = ROOT / "docs" / "gallery.md", ROOT / "docs" / "images" / "gallery"
 SECTIONS = {
     "dewarp": "Dewarping and export",
     "evaluate": "Evaluation",
@@ -90,24 +90,24 @@ def page() -> str:
     return "\n".join(parts)
 
 
-def make_picture(example: Path) -> None:
+def make_image(example: Path) -> None:
     """Run an example and store its image, scaled to the width of the page."""
     with TemporaryDirectory() as folder:
-        drawn = {**os.environ, "MPLBACKEND": "Agg"}
-        subprocess.run([sys.executable, example], cwd=folder, check=True, env=drawn)
-        picture = read_image(Path(folder) / f"{example.stem}.png")[..., :3]
-    height, width = picture.shape[:2]
+        environment = {**os.environ, "MPLBACKEND": "Agg"}
+        subprocess.run([sys.executable, example], cwd=folder, check=True, env=environment)
+        image = read_image(Path(folder) / f"{example.stem}.png")[..., :3]
+    height, width = image.shape[:2]
     if width > WIDTH:
-        picture = cv2.resize(
-            picture, (WIDTH, round(height * WIDTH / width)), interpolation=cv2.INTER_AREA
+        image = cv2.resize(
+            image, (WIDTH, round(height * WIDTH / width)), interpolation=cv2.INTER_AREA
         )
-    PICTURES.mkdir(exist_ok=True)
-    _, data = cv2.imencode(".webp", picture[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    (PICTURES / f"{example.stem}.webp").write_bytes(data.tobytes())
+    IMAGES.mkdir(exist_ok=True)
+    _, data = cv2.imencode(".webp", image[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    (IMAGES / f"{example.stem}.webp").write_bytes(data.tobytes())
 
 
 if __name__ == "__main__":
     for path in examples():
         if path.stem in sys.argv[1:] or not sys.argv[1:]:
-            make_picture(path)
+            make_image(path)
     PAGE.write_text(page(), encoding="utf-8")

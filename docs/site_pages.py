@@ -32,7 +32,7 @@ from omnimirror.interop import file_schemas
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "out" / "site-pages"
-OUTSIDE = {
+EXTERNAL_PAGES = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
@@ -49,19 +49,21 @@ SECTION = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
 ROLE = re.compile(r":(?:class|func|meth|attr|data|mod|exc):`~?\.?([^`]+)`")
 
 
-def copied() -> None:
+def copy_pages() -> None:
     """Copy the pages with links adapted to the site."""
     shutil.rmtree(PAGES, ignore_errors=True)
     shutil.copytree(
         ROOT / "docs", PAGES, ignore=shutil.ignore_patterns("*.py", "*.txt", "__pycache__")
     )
     for page in PAGES.glob("*.md"):
-        page.write_text(relinked(page.read_text(), ROOT / "docs"))
-    for source, target in OUTSIDE.items():
-        (PAGES / target).write_text(relinked((ROOT / source).read_text(), (ROOT / source).parent))
+        page.write_text(adapt_links(page.read_text(), ROOT / "docs"))
+    for source, target in EXTERNAL_PAGES.items():
+        (PAGES / target).write_text(
+            adapt_links((ROOT / source).read_text(), (ROOT / source).parent)
+        )
 
 
-def relinked(text: str, folder: Path) -> str:
+def adapt_links(text: str, folder: Path) -> str:
     """Convert links to files relative to ``folder`` to links between pages of the site."""
 
     def target(match: re.Match[str]) -> str:
@@ -69,8 +71,8 @@ def relinked(text: str, folder: Path) -> str:
         if ":" in path:
             return match.group(0)
         inside = (folder / path).resolve().relative_to(ROOT).as_posix()
-        if inside in OUTSIDE:
-            return f"]({OUTSIDE[inside]}{anchor})"
+        if inside in EXTERNAL_PAGES:
+            return f"]({EXTERNAL_PAGES[inside]}{anchor})"
         return f"]({inside.removeprefix('docs/')}{anchor})"
 
     return re.sub(r"\]\(([^)#\s]+)(#[^)\s]*)?\)", target, text)
@@ -79,9 +81,9 @@ def relinked(text: str, folder: Path) -> str:
 # -- Python ------------------------------------------------------------------------------------------
 
 
-def package_of(thing: Any) -> str:
+def package_of(item: Any) -> str:
     """Return the package of a module, class or function: the page of the reference."""
-    module = thing.__name__ if inspect.ismodule(thing) else thing.__module__
+    module = item.__name__ if inspect.ismodule(item) else item.__module__
     return module.split(".")[1] if "." in module else "omnimirror"
 
 
@@ -101,10 +103,10 @@ def classes_in(annotation: Any) -> Iterator[type]:
         yield from classes_in(part)
 
 
-def hints(thing: Any) -> dict[str, Any]:
+def hints(item: Any) -> dict[str, Any]:
     """Return the type hints of a function or class; empty if a name is defined for type checkers only."""
     try:
-        return typing.get_type_hints(thing)
+        return typing.get_type_hints(item)
     except (NameError, TypeError):
         return {}
 
@@ -139,17 +141,17 @@ def bases(cls: type) -> list[type]:
     return [base for base in cls.__mro__[1:] if base.__module__.startswith("omnimirror.")]
 
 
-def reached(thing: Any) -> Iterator[type]:
+def referenced_types(item: Any) -> Iterator[type]:
     """Yield the classes in the results of a function, or in the attributes of a class."""
-    if inspect.isclass(thing):
-        own = hints(thing)
-        for name in fields(thing):
+    if inspect.isclass(item):
+        own = hints(item)
+        for name in fields(item):
             yield from classes_in(own.get(name))
-        for member in members(thing).values():
+        for member in members(item).values():
             yield from classes_in(hints(function_of(member)).get("return"))
-        yield from bases(thing)
-    elif inspect.isfunction(thing):
-        yield from classes_in(hints(thing).get("return"))
+        yield from bases(item)
+    elif inspect.isfunction(item):
+        yield from classes_in(hints(item).get("return"))
 
 
 @cache
@@ -157,9 +159,9 @@ def public_objects() -> dict[str, Any]:
     """Return classes, functions and modules by the names under which they are documented."""
     objects = {}
     for name in (n for names in public_names().values() for n in names):
-        objects[f"om.{name}"] = thing = getattr(om, name)
-        if inspect.ismodule(thing):
-            objects |= {f"om.{name}.{k}": member for k, member in module_members(thing).items()}
+        objects[f"om.{name}"] = item = getattr(om, name)
+        if inspect.ismodule(item):
+            objects |= {f"om.{name}.{k}": member for k, member in module_members(item).items()}
     return objects
 
 
@@ -178,15 +180,15 @@ def reachable_types() -> dict[type, str]:
     """Return the types of results and attributes that have no public name, each with its origin."""
     named = public_objects()
     origin: dict[type, str] = {}
-    waiting = [(name, thing) for name, thing in named.items()]
+    queue = [(name, item) for name, item in named.items()]
     known = set(map(id, named.values()))
-    while waiting:
-        name, thing = waiting.pop(0)
-        for cls in reached(thing):
+    while queue:
+        name, item = queue.pop(0)
+        for cls in referenced_types(item):
             if id(cls) not in known:
                 known.add(id(cls))
                 origin[cls] = name
-                waiting.append((cls.__name__, cls))
+                queue.append((cls.__name__, cls))
     return origin
 
 
@@ -223,23 +225,23 @@ def anchor_of(title: str) -> str:
     return re.sub(r"\W", "", title.lower())
 
 
-def entry(title: str, thing: Any, level: int, note: str = "") -> Iterator[str]:
+def entry(title: str, item: Any, level: int, note: str = "") -> Iterator[str]:
     """Yield the documentation of one name: heading, signature, docstring, and members of a class."""
     yield f"{'#' * level} {title} {{ #{anchor_of(title)} }}\n"
-    if callable(thing):
-        yield f"```python\n{signature(title, thing)}\n```\n"
-    doc = inspect.getdoc(thing) or ""
+    if callable(item):
+        yield f"```python\n{signature(title, item)}\n```\n"
+    doc = inspect.getdoc(item) or ""
     yield markdown(doc)
     if note:
         yield f"{note}\n"
-    if inspect.ismodule(thing):
-        for name, member in module_members(thing).items():
+    if inspect.ismodule(item):
+        for name, member in module_members(item).items():
             yield from entry(f"{title}.{name}", member, level + 1)
-    if inspect.isclass(thing):
-        yield from attributes(thing, doc)
-        for name, member in members(thing).items():
+    if inspect.isclass(item):
+        yield from attributes(item, doc)
+        for name, member in members(item).items():
             yield from entry(f"{title}.{name}", member, level + 1)
-        yield from inherited(thing)
+        yield from inherited(item)
 
 
 def attributes(cls: type, doc: str) -> Iterator[str]:
@@ -265,10 +267,10 @@ def attribute_docs(cls: type) -> dict[str, str]:
         return {}
     assert isinstance(tree, ast.ClassDef)
     docs = {}
-    for field, below in zip(tree.body, tree.body[1:], strict=False):
-        is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+    for field, following in zip(tree.body, tree.body[1:], strict=False):
+        is_text = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and is_text:
-            text = " ".join(str(below.value.value).split())
+            text = " ".join(str(following.value.value).split())
             docs[field.target.id] = ROLE.sub(r"`\1`", text).replace("``", "`")
     return docs
 
@@ -276,7 +278,7 @@ def attribute_docs(cls: type) -> dict[str, str]:
 def inherited(cls: type) -> Iterator[str]:
     """Yield the members of base classes, with links to their documentation."""
     known = {*members(cls), *fields(cls)}
-    public = {id(thing): name for name, thing in public_objects().items()}
+    public = {id(item): name for name, item in public_objects().items()}
     for base in bases(cls):
         names = [n for n in (*fields(base), *members(base)) if n not in known]
         known |= set(names)
@@ -286,7 +288,7 @@ def inherited(cls: type) -> Iterator[str]:
             yield f"Inherited from [`{title}`]({target}): {', '.join(f'`{n}`' for n in names)}.\n"
 
 
-class Bare(str):
+class UnquotedAnnotation(str):
     """Annotation without quotes."""
 
     __slots__ = ()
@@ -295,24 +297,28 @@ class Bare(str):
         return str(self)
 
 
-def signature(title: str, thing: Any) -> str:
+def signature(title: str, item: Any) -> str:
     """Return the call signature, one parameter per line if long."""
     try:
-        found = inspect.signature(getattr(thing, "__func__", thing))
+        found = inspect.signature(getattr(item, "__func__", item))
     except (TypeError, ValueError):
         return title
-    kept = [
-        p.replace(annotation=Bare(p.annotation)) if isinstance(p.annotation, str) else p
+    parameters = [
+        p.replace(annotation=UnquotedAnnotation(p.annotation))
+        if isinstance(p.annotation, str)
+        else p
         for p in found.parameters.values()
     ]
     returned = (
-        Bare(found.return_annotation)
+        UnquotedAnnotation(found.return_annotation)
         if isinstance(found.return_annotation, str)
         else found.return_annotation
     )
-    short = f"{title}{found.replace(parameters=kept, return_annotation=returned)}"
+    short = f"{title}{found.replace(parameters=parameters, return_annotation=returned)}"
     return (
-        short if len(short) <= 100 else f"{title}(\n    " + ",\n    ".join(map(str, kept)) + ",\n)"
+        short
+        if len(short) <= 100
+        else f"{title}(\n    " + ",\n    ".join(map(str, parameters)) + ",\n)"
     )
 
 
@@ -324,7 +330,7 @@ def markdown(doc: str) -> str:
     for name, body in zip(pieces[1::2], pieces[2::2], strict=True):
         parts += [
             f"**{name}**\n",
-            prose(body) if name in ("Notes", "Examples", "References") else items(body),
+            prose(body) if name in ("Notes", "Examples", "References") else parameter_list(body),
         ]
     return "\n".join(parts) + "\n"
 
@@ -340,7 +346,7 @@ def prose(text: str) -> str:
     return "\n\n".join(blocks).replace("::\n", ":\n") + "\n"
 
 
-def items(body: str) -> str:
+def parameter_list(body: str) -> str:
     """Convert `name : type` entries with indented descriptions to a list."""
     lines: list[str] = []
     for block in re.split(r"\n(?=\S)", body.strip("\n")):
@@ -349,9 +355,9 @@ def items(body: str) -> str:
         if not description and " : " not in head and " " in head:  # text after the list
             lines += ["", block, ""]
             continue
-        told = " ".join(textwrap.dedent(description).split())
+        text = " ".join(textwrap.dedent(description).split())
         lines.append(
-            f"- **{name}**" + (f" (*{kind}*)" if kind else "") + (f": {told}" if told else "")
+            f"- **{name}**" + (f" (*{kind}*)" if kind else "") + (f": {text}" if text else "")
         )
     return "\n".join(lines) + "\n"
 
@@ -359,23 +365,27 @@ def items(body: str) -> str:
 # -- commands ----------------------------------------------------------------------------------------
 
 
-def commands(group: click.Command, words: tuple[str, ...]) -> Iterator[tuple[str, click.Command]]:
+def commands(
+    group: click.Command, command_words: tuple[str, ...]
+) -> Iterator[tuple[str, click.Command]]:
     """Yield all subcommands with the words of their call."""
-    context = click.Context(group, info_name=words[-1])
+    context = click.Context(group, info_name=command_words[-1])
     if isinstance(group, click.Group):
         for name in group.list_commands(context):
             command = group.get_command(context, name)
             if command is not None:
-                yield " ".join((*words, name)), command
-                yield from commands(command, (*words, name))
+                yield " ".join((*command_words, name)), command
+                yield from commands(command, (*command_words, name))
 
 
 def command_line() -> None:
     """Write the help of each command as printed."""
-    lines = ["# Commands", "", "What `--help` says of each.", ""]
-    for words, command in commands(program, ("omnimirror",)):
-        context = click.Context(command, info_name=words, max_content_width=100, terminal_width=100)
-        lines += [f"## {words}", "", "```text", command.get_help(context), "```", ""]
+    lines = ["# Commands", "", "Output of `--help` for each command.", ""]
+    for command_words, command in commands(program, ("omnimirror",)):
+        context = click.Context(
+            command, info_name=command_words, max_content_width=100, terminal_width=100
+        )
+        lines += [f"## {command_words}", "", "```text", command.get_help(context), "```", ""]
     (PAGES / "reference" / "commands.md").write_text("\n".join(lines))
 
 
@@ -388,14 +398,14 @@ def schemas() -> None:
         (folder / f"{kind}.json").write_text(text, encoding="utf-8")
 
 
-def standalone_page() -> None:
+def write_standalone_page() -> None:
     """Write the studio without a server, embedded in pages."""
     (PAGES / "viewer.html").write_text(studio.standalone_page(), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    copied()
-    standalone_page()
+    copy_pages()
+    write_standalone_page()
     reference()
     command_line()
     schemas()

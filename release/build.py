@@ -2,8 +2,8 @@
 
 The artefacts are a source archive, one wheel per interpreter built from that archive, and a bill of materials.
 `auditwheel` sets the platform tags; Python 3.11 has its own wheel, and one stable-ABI wheel covers 3.12 and
-later. Each wheel is installed in an empty virtual environment and runs `trial.py`; so does the source archive without a
-working compiler. Each extra is installed in an environment of its own and runs code that requires it.
+later. Each wheel is installed in an empty virtual environment and runs `smoke_test.py`; so does the source archive
+without a working compiler. Each extra is installed in an environment of its own and runs code that requires it.
 
     python release/build.py --python python3.11 --python python3.12 --python python3.13
 """
@@ -22,19 +22,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-TRIAL = ROOT / "release" / "trial.py"
+SMOKE_TEST = ROOT / "release" / "smoke_test.py"
 MAX_ARCHIVE_BYTES = 2_000_000
-BROUGHT_BY_VENV = {"pip", "setuptools"}  # installed by venv, not dependencies
+VENV_PACKAGES = {"pip", "setuptools"}  # installed by venv, not dependencies
 # Code that requires each extra.
-COMMAND = "from omnimirror.apps.cli import main; main({!r}.split())"
+CLI_CALL = "from omnimirror.apps.cli import main; main({!r}.split())"
 EXTRAS = {
     "video": "import omnimirror.io.video, av",
-    "exr": COMMAND.format("simulate paper-spherical --samples 1 -o image.exr"),
+    "exr": CLI_CALL.format("simulate paper-spherical --samples 1 -o image.exr"),
     "design": "import omnimirror.design.optimise, pymoo, pyarrow",
     "cluster": "import omnimirror.interop.batch, distributed, fsspec, s3fs, zarr, pyarrow",
-    "cad": COMMAND.format("export paper-spherical --formats step,stl,dxf -o workshop"),
+    "cad": CLI_CALL.format("export paper-spherical --formats step,stl,dxf -o workshop"),
     "metrology": "import omnimirror.manufacturing.metrology, SurfaceTopography",
-    "interop": COMMAND.format("rays paper-spherical --step 64 -o rays.exr"),
+    "interop": CLI_CALL.format("rays paper-spherical --step 64 -o rays.exr"),
     "ros": "import omnimirror.interop.ros_bags.dewarping, rosbags",
     "webrtc": "import omnimirror.interop.gateway.serving, aiortc",
     "tables": "import omnimirror as om; "
@@ -111,7 +111,7 @@ def build(pythons: Sequence[str], out: Path, work: Path) -> tuple[Path, list[Pat
     return archive, sorted(out.glob("*.whl"))
 
 
-def serves(wheel: Path, python: str) -> bool:
+def is_compatible(wheel: Path, python: str) -> bool:
     """Check if a wheel supports an interpreter: by its version tag, or by the stable ABI from 3.12 on."""
     version = subprocess.run(
         [python, "-c", "import sys; print(*sys.version_info[:2])"],
@@ -149,11 +149,7 @@ def bill_of_materials(wheel: Path, python: str, out: Path, work: Path) -> None:
         text=True,
         check=True,
     )
-    if (
-        missing := {d["name"].lower() for d in json.loads(installed.stdout)}
-        - names
-        - BROUGHT_BY_VENV
-    ):
+    if missing := {d["name"].lower() for d in json.loads(installed.stdout)} - names - VENV_PACKAGES:
         sys.exit(
             f"the bill of materials must list all installed packages; missing: {', '.join(sorted(missing))}"
         )
@@ -166,7 +162,7 @@ def main() -> None:
     parser.add_argument(
         "--python", action="append", help="Interpreter to build for and to test with; repeatable."
     )
-    parser.add_argument("--out", type=Path, default=ROOT / "dist")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "dist")
     parser.add_argument(
         "--no-extras",
         action="store_true",
@@ -182,23 +178,23 @@ def main() -> None:
         shutil.which(p) or sys.exit(f"--python must be an executable; got {p}")
         for p in options.python or [sys.executable]
     ]
-    shutil.rmtree(options.out, ignore_errors=True)
+    shutil.rmtree(options.output, ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        archive, wheels = build(pythons, options.out, work)
+        archive, wheels = build(pythons, options.output, work)
         for wheel in wheels:
             for number, python in enumerate(pythons):
-                if serves(wheel, python):
+                if is_compatible(wheel, python):
                     print(wheel.name)
                     interpreter = environment(python, work / f"{wheel.stem}-{number}", wheel)
-                    run(interpreter, TRIAL, cwd=work)
+                    run(interpreter, SMOKE_TEST, cwd=work)
                     run(interpreter, "-m", "omnimirror", "demo", "-o", work / "demo", cwd=work)
         print(f"{archive.name}, without a compiler")
         interpreter = environment(
             pythons[-1], work / "without", archive, CXX="/no/compiler", CC="/no/compiler"
         )
-        run(interpreter, TRIAL, "--without-kernels", cwd=work)
-        newest = next(w for w in reversed(wheels) if serves(w, pythons[-1]))
+        run(interpreter, SMOKE_TEST, "--without-kernels", cwd=work)
+        newest = next(w for w in reversed(wheels) if is_compatible(w, pythons[-1]))
         for extra, program in {} if options.no_extras else EXTRAS.items():
             print(f"{newest.name}[{extra}]")
             run(
@@ -208,8 +204,8 @@ def main() -> None:
                 cwd=work,
             )
         if not options.no_extras:
-            bill_of_materials(newest, pythons[-1], options.out, work)
-    for artefact in sorted(options.out.iterdir()):
+            bill_of_materials(newest, pythons[-1], options.output, work)
+    for artefact in sorted(options.output.iterdir()):
         print(f"{artefact.stat().st_size / 1e6:8.2f} MB  {artefact}")
 
 

@@ -349,7 +349,7 @@ def site(tmp_path_factory):
     site = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(site)
     site.PAGES = tmp_path_factory.mktemp("site") / "pages"
-    site.copied()
+    site.copy_pages()
     site.reference()
     site.command_line()
     return site

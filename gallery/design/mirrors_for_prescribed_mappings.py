@@ -12,13 +12,13 @@ for mapping, omega_max in (
     ("conformal", 120),
     ("ground-plane", 75),
 ):
-    floor_mm = 1500 if mapping == "ground-plane" else None
-    needs = om.Requirements(
+    plane_mm = 1500 if mapping == "ground-plane" else None
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=omega_max),
-        mirror=om.MirrorRequirements(mapping=mapping, rim_radius_mm=30, plane_distance_mm=floor_mm),
+        mirror=om.MirrorRequirements(mapping=mapping, rim_radius_mm=30, plane_distance_mm=plane_mm),
         lens=om.LensRequirements(theta_max_deg=12),
     )
-    sensor = om.design_sensor(needs).sensor
+    sensor = om.design_sensor(requirements).sensor
     table = om.evaluate(sensor, omega_deg=np.linspace(1, omega_max, 200))
     left.plot(table.x_mm, table.z_mm, label=mapping)
     right.plot(table.omega_deg, table.h_px)

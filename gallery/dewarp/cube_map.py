@@ -6,5 +6,5 @@ import omnimirror as om
 from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
-circle = om.render_image(sensor, om.Room(), samples=8)
-om.write_image("cube_map.png", om.Dewarper(sensor, om.screens.CubeMap((800, 600)))(circle))
+image = om.render_image(sensor, om.Room(), samples=8)
+om.write_image("cube_map.png", om.Dewarper(sensor, om.screens.CubeMap((800, 600)))(image))

@@ -6,6 +6,6 @@ import omnimirror as om
 from omnimirror.optics.image_sensor import Imager
 
 sensor = replace(om.load_sensor("paper-spherical"), imager=Imager(640, 640, 8.32))
-circle = om.render_image(sensor, om.load_scene("street"), samples=4)
-around = om.Dewarper(sensor, om.views.panorama(sensor, (1200, None)))
-om.write_image("panorama.png", around(circle))
+image = om.render_image(sensor, om.load_scene("street"), samples=4)
+dewarp = om.Dewarper(sensor, om.views.panorama(sensor, (1200, None)))
+om.write_image("panorama.png", dewarp(image))

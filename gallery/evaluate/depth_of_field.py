@@ -11,12 +11,14 @@ sensor = om.load_sensor("paper-equidistant")
 distances = np.geomspace(50, 5000, 60)
 figure, ax = plt.subplots(figsize=(7, 4))
 for f_number in (2.0, 4.0, 8.0):
-    stopped = replace(sensor, lens=replace(sensor.lens, f_number=f_number))
-    worst = []
+    sensor_at_f = replace(sensor, lens=replace(sensor.lens, f_number=f_number))
+    blur_px = []
     for distance in distances:
-        table = om.evaluate(stopped, omega_deg=np.linspace(5, 130, 60), object_distance_mm=distance)
-        worst.append(np.maximum(np.abs(table.blur_t_px), np.abs(table.blur_s_px)).max())
-    ax.loglog(distances, worst, label=f"F/{f_number:g}")
+        table = om.evaluate(
+            sensor_at_f, omega_deg=np.linspace(5, 130, 60), object_distance_mm=distance
+        )
+        blur_px.append(np.maximum(np.abs(table.blur_t_px), np.abs(table.blur_s_px)).max())
+    ax.loglog(distances, blur_px, label=f"F/{f_number:g}")
 ax.set(xlabel="object distance from the mirror, mm", ylabel="maximum blur over the field, px")
 ax.grid(which="both", alpha=0.3)
 ax.legend()

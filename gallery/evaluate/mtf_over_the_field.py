@@ -7,13 +7,13 @@ import omnimirror as om
 
 sensor = om.load_sensor("paper-equidistant")
 omega = np.arange(5, 131, 12.5)
-found = om.mtf(
+mtf = om.mtf(
     sensor, omega_deg=omega, cycles_per_px=[0.125, 0.25], focus_mm=om.best_focus(sensor).focus_mm
 )
 figure, ax = plt.subplots(figsize=(7, 4))
-for i, frequency in enumerate(found.cycles_per_px):
-    ax.plot(omega, found.tangential[:, i], f"C{i}", label=f"tangential, {frequency:g} cycles/px")
-    ax.plot(omega, found.sagittal[:, i], f"C{i}--", label="sagittal")
+for i, frequency in enumerate(mtf.cycles_per_px):
+    ax.plot(omega, mtf.tangential[:, i], f"C{i}", label=f"tangential, {frequency:g} cycles/px")
+    ax.plot(omega, mtf.sagittal[:, i], f"C{i}--", label="sagittal")
 ax.set(xlabel="field angle, deg", ylabel="modulation", ylim=(0, 1))
 ax.legend()
 figure.savefig("mtf_over_the_field.png", bbox_inches="tight")

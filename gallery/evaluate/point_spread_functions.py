@@ -9,13 +9,13 @@ sensor = om.load_sensor("paper-hyperboloidal")
 focus = om.best_focus(sensor).focus_mm
 figure, axes = plt.subplots(1, 3, figsize=(8, 3))
 for ax, omega in zip(axes, [20, 70, 120], strict=True):
-    star = om.psf(sensor, omega, focus_mm=focus, width_px=12)
+    psf = om.psf(sensor, omega, focus_mm=focus, width_px=12)
     ax.pcolormesh(
-        star.offset_px,
-        star.offset_px,
-        np.log10(star.density / star.density.max() + 1e-4),
+        psf.offset_px,
+        psf.offset_px,
+        np.log10(psf.density / psf.density.max() + 1e-4),
         cmap="inferno",
     )
-    ax.set(title=f"{omega} deg, Strehl {star.strehl:.2f}", aspect="equal")
+    ax.set(title=f"{omega} deg, Strehl {psf.strehl:.2f}", aspect="equal")
 figure.supxlabel("tangential, px")
 figure.savefig("point_spread_functions.png", bbox_inches="tight")

@@ -8,17 +8,17 @@ import numpy as np
 import omnimirror as om
 
 figure, ax = plt.subplots(figsize=(7, 4))
-degrees = np.arange(-20, 61, 10.0)
+celsius = np.arange(-20, 61, 10.0)
 for mirror, spacer in (
     ("acrylic", "aluminium"),
     ("aluminium", "acrylic"),
     ("aluminium", "aluminium"),
 ):
-    parts = om.Thermal(mirror_material=mirror, spacer_material=spacer, mount_material="aluminium")
-    sensor = replace(om.load_sensor("paper-spherical"), thermal=parts)
+    thermal = om.Thermal(mirror_material=mirror, spacer_material=spacer, mount_material="aluminium")
+    sensor = replace(om.load_sensor("paper-spherical"), thermal=thermal)
     ax.plot(
-        degrees,
-        [om.thermal_motion_px(sensor, t) for t in degrees],
+        celsius,
+        [om.thermal_motion_px(sensor, t) for t in celsius],
         "o-",
         label=f"{mirror} mirror, {spacer} spacer",
     )

@@ -10,10 +10,10 @@ for name in ["paper-hyperboloidal", "paper-spherical", "paper-equidistant"]:
     sensor = om.load_sensor(name)
     low, high = sensor.field_deg
     table = om.evaluate(sensor, omega_deg=np.linspace(max(low, 1), high, 200))
-    one = om.best_viewpoint(sensor, object_distance_mm=1000)
-    label = f"{name}: {one.worst_px:.2f} px error at 1 m with a single viewpoint"
+    viewpoint = om.best_viewpoint(sensor, object_distance_mm=1000)
+    label = f"{name}: {viewpoint.worst_px:.2f} px error at 1 m with a single viewpoint"
     (line,) = ax.plot(table.omega_deg, table.viewpoint_z_mm, label=label)
-    ax.axhline(one.z_mm, color=line.get_color(), ls=":")
+    ax.axhline(viewpoint.z_mm, color=line.get_color(), ls=":")
 ax.set(xlabel="field angle, deg", ylabel="viewpoint on the axis, mm")
 ax.legend(fontsize=8)
 figure.savefig("viewpoints.png", bbox_inches="tight")

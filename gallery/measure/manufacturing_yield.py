@@ -11,13 +11,13 @@ errors |= {f"mirror.tilt_{axis}_deg": om.Tolerance(0.1) for axis in "xy"}
 figure, ax = plt.subplots(figsize=(7, 4))
 limits = np.linspace(0.1, 4, 14)
 for merit in ("motion_px", "motion_px after principal-point", "motion_px after pose"):
-    shares = [
+    yields = [
         om.tolerance(
             sensor, om.Tolerances(sensor, errors), limits={merit: limit}, trials=400
         ).statistics.yields.value
         for limit in limits
     ]
-    ax.plot(limits, shares, label=merit)
+    ax.plot(limits, yields, label=merit)
 ax.set(xlabel="permitted image shift, px", ylabel="yield")
 ax.legend()
 figure.savefig("manufacturing_yield.png", bbox_inches="tight")

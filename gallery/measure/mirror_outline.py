@@ -10,13 +10,13 @@ from omnimirror.optics.image_sensor import Imager
 sensor = replace(
     om.load_sensor("paper-spherical"), imager=Imager(480, 400, 10.4, centre_px=(250.0, 190.0))
 )
-picture = om.render_image(sensor, om.load_scene("street"), samples=4)
-rim = om.detect_mirror_outline(picture)
+image = om.render_image(sensor, om.load_scene("street"), samples=4)
+outline = om.detect_mirror_outline(image)
 figure, ax = plt.subplots(figsize=(5, 4))
-ax.imshow(picture)
-ax.plot(*rim.points(100).T, "C3--")
-u, v = rim.centre_px
+ax.imshow(image)
+ax.plot(*outline.points(100).T, "C3--")
+u, v = outline.centre_px
 ax.set_title(
-    f"centre {u:.1f}, {v:.1f}, radius {rim.radius_px:.1f} px, confidence {rim.confidence:.2f}"
+    f"centre {u:.1f}, {v:.1f}, radius {outline.radius_px:.1f} px, confidence {outline.confidence:.2f}"
 )
 figure.savefig("mirror_outline.png", bbox_inches="tight")

@@ -18,7 +18,7 @@ CLOSE_RAD = 1e-12
 @pytest.mark.parametrize("field_deg", [(0.0, 90.0), (0.0, 130.0)])
 def test_misaligned_sensor_agrees_with_optiland(field_deg, beside):
     pytest.importorskip("optiland", reason="Optiland is installed by `make test-full` only")
-    from tolerance_peers import largest_angle_rad
+    from tolerance_comparison import largest_angle_rad
 
     sensor = om.load_sensor("paper-spherical")
     evaluator, rng = TrialEvaluator.of(sensor, field_deg=field_deg), np.random.default_rng(5)

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from benchmarks.mirror_photographs import environments
+from benchmarks.mirror_composites import environments
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter

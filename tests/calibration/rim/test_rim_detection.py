@@ -6,7 +6,7 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-from benchmarks.mirror_photographs import Photograph, Rim, compose, error_of
+from benchmarks.mirror_composites import LabelledImage, TrueOutline, compose, outline_error
 from benchmarks.mirror_surroundings import SURROUNDINGS, rings
 from numpy.typing import NDArray
 
@@ -24,7 +24,7 @@ def few(every_day, of):
 
 
 @cache
-def composed(seed: int, mirror: bool = True) -> Photograph:
+def composed(seed: int, mirror: bool = True) -> LabelledImage:
     return compose(seed, ENVIRONMENTS, mirror=mirror)
 
 
@@ -181,7 +181,7 @@ def test_outlines_of_composed_images(seed):
     photograph = composed(seed)
     rim = om.detect_mirror_outline(photograph.image)
     assert photograph.rim is not None
-    assert error_of(rim, photograph.rim) < 0.01 or not rim.is_accepted
+    assert outline_error(rim, photograph.rim) < 0.01 or not rim.is_accepted
 
 
 @pytest.mark.full
@@ -196,7 +196,7 @@ def test_outlines_in_various_surroundings(way):
     """No wrong confident result; seeds are not part of the training."""
     photograph = SURROUNDINGS[way](3000, ENVIRONMENTS)
     rim = om.detect_mirror_outline(photograph.image)
-    assert error_of(rim, photograph.rim) < 0.01 or not rim.is_accepted
+    assert outline_error(rim, photograph.rim) < 0.01 or not rim.is_accepted
 
 
 @pytest.mark.parametrize("seed", few([3001], [3000, 3001]))
@@ -216,7 +216,7 @@ def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     for i in range(200):
         photograph = compose(first + i, ENVIRONMENTS)
         rim = om.detect_mirror_outline(photograph.image)
-        right[i], sure[i] = error_of(rim, photograph.rim) < 0.01, rim.is_accepted
+        right[i], sure[i] = outline_error(rim, photograph.rim) < 0.01, rim.is_accepted
     return right, sure
 
 
@@ -252,7 +252,9 @@ def test_thin_frame_of_small_image(size):
         room * (1 - about) + np.array([110.0, 115.0, 200.0]) * (about - within) + mirror * within
     )
     rim = om.detect_mirror_outline(np.round(picture).astype(np.uint8))
-    assert error_of(rim, Rim((0.52 * size, 0.47 * size), (radius, radius), 0.0)) < 0.003
+    assert (
+        outline_error(rim, TrueOutline((0.52 * size, 0.47 * size), (radius, radius), 0.0)) < 0.003
+    )
 
 
 @pytest.mark.parametrize("kind", few([np.float32], [np.uint8, np.uint16, np.float32]))

@@ -6,7 +6,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import clouds, coded, dead_leaves, exposed, faster, gains
+from benchmarks.restoration_gain import (
+    clouds,
+    dead_leaves,
+    gains,
+    jpeg_round_trip,
+    load_environment,
+    with_fewer_pixels,
+)
 
 import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
@@ -58,18 +65,20 @@ def scene() -> om.Environment:
 @pytest.fixture(scope="module")
 def smaller() -> Restorer:
     """Fewer pixels for comparisons of two implementations."""
-    return Restorer(faster(om.load_sensor("paper-spherical"), 160, 0.625))
+    return Restorer(with_fewer_pixels(om.load_sensor("paper-spherical"), 160, 0.625))
 
 
 @pytest.fixture(scope="module")
 def small() -> Restorer:
     """25 % of the pixels per side and four times the aperture: the same blur in pixels."""
-    return Restorer(faster(om.load_sensor("paper-spherical"), 256, 1.0))
+    return Restorer(with_fewer_pixels(om.load_sensor("paper-spherical"), 256, 1.0))
 
 
 def test_blur_matrix_matches_ray_traced_blur(small: Restorer, scene: om.Environment):
     sensor, blur = small.camera, small.problem.blur
-    fine = om.expose(faster(sensor, 256 * blur.fineness, sensor.lens.f_number), scene, samples=16)
+    fine = om.expose(
+        with_fewer_pixels(sensor, 256 * blur.fineness, sensor.lens.f_number), scene, samples=16
+    )
     traced = om.expose(sensor, scene, samples=1024, blur=True).reshape(-1, 3)[blur.pixels]
     sharp = om.expose(sensor, scene, samples=64).reshape(-1, 3)[blur.pixels]
     outer = small.radius.ravel()[blur.pixels] > 90
@@ -128,7 +137,7 @@ def test_restoration_gains_at_rim_with_saturation(small: Restorer, shared_data: 
     told = (
         small if times == 1 else Restorer(small.camera, specified=small.known.scaled(times).sizes)
     )
-    found = gains(told, exposed(photograph))
+    found = gains(told, load_environment(photograph))
     assert found.tenths_db.min() > -0.1
     assert found.gain_db[1] > 0.3
 
@@ -146,7 +155,7 @@ def test_white_image_is_unchanged(smaller: Restorer):
 def test_blur_depends_on_object_distance(scene: om.Environment):
     """A wall at 300 mm all around: its own blur restores more than that of distant objects, which
     causes no damage."""
-    sensor = faster(om.load_sensor("paper-hyperboloidal"), 160, 0.625)
+    sensor = with_fewer_pixels(om.load_sensor("paper-hyperboloidal"), 160, 0.625)
     near = Around(scene, 300.0)
     right, wrong = (gains(Restorer(sensor, distance), near).gain_db for distance in (300.0, np.inf))
     assert right[0] > wrong[0] + 0.1
@@ -284,7 +293,7 @@ def test_large_blur_on_small_image_is_reduced(name: str, world):
     """A correctly specified blur is removed; of one that is specified too large, no more than is
     present, or none."""
     sensor = om.load_sensor(name)
-    sensor = faster(sensor, 256, sensor.lens.f_number * 256 / sensor.imager.width_px)
+    sensor = with_fewer_pixels(sensor, 256, sensor.lens.f_number * 256 / sensor.imager.width_px)
     taken = om.render_image(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
         1
     ).standard_normal((256, 256, 3))
@@ -344,8 +353,8 @@ SCENES = {
     "leaves": lambda data: dead_leaves(1024, 900, smallest_deg=2.1),
     "hall": lambda data: Hall(),
     "clouds": lambda data: clouds(1024),
-    "windows": lambda data: exposed(data / "environments" / "st_fagans_interior_1k.hdr"),
-    "panorama": lambda data: exposed(data / "environments" / "pannellum_examplepano.jpg"),
+    "windows": lambda data: load_environment(data / "environments" / "st_fagans_interior_1k.hdr"),
+    "panorama": lambda data: load_environment(data / "environments" / "pannellum_examplepano.jpg"),
 }
 
 
@@ -370,7 +379,7 @@ def test_removed_blur_does_not_exceed_actual_blur(
     shared_data: Path, name: str, kind: str, stops: int | None
 ):
     """A lens stopped down after its file was written, up to a completely sharp image."""
-    sensor = faster(om.load_sensor(name), 256, 1.0)
+    sensor = with_fewer_pixels(om.load_sensor(name), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES[kind](shared_data)
     noise = 0.01 * np.random.default_rng(1).standard_normal((256, 256, 3))
     values = srgb_from_linear(_rendered(sensor, scene, stops)) + noise
@@ -399,7 +408,7 @@ def test_uniform_blur_that_is_specified_too_large_does_no_harm(
     shared_data: Path, actual: float, specified: float
 ):
     """Of a photograph with 1.5 px of blur, or none, 3 px are not removed; a correct value is."""
-    sensor = faster(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
+    sensor = with_fewer_pixels(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     sharp = _rendered(sensor, SCENES["leaves"](shared_data), None)
     ball = om.MirrorBall(
         centre_px=sensor.symmetry.centre_px,
@@ -424,7 +433,7 @@ def test_uniform_blur_that_is_specified_too_large_does_no_harm(
 )
 def test_sharpened_image_is_unchanged(shared_data: Path, name: str, amount: float):
     """Denoised, sharpened and coded as by phones; the same image without sharpening is restored."""
-    sensor = faster(om.load_sensor(name), 256, 1.0)
+    sensor = with_fewer_pixels(om.load_sensor(name), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES["panorama"](shared_data)
     values = srgb_from_linear(_rendered(sensor, scene, 0))
     noisy = np.rint(
@@ -433,7 +442,8 @@ def test_sharpened_image_is_unchanged(shared_data: Path, name: str, amount: floa
     plain = cv2.bilateralFilter(noisy.astype(np.uint8), 5, 10, 2).astype(np.float32)
     sharpened = plain + amount * (plain - cv2.GaussianBlur(plain, (0, 0), 1.0))
     plain, sharpened = (
-        coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), 85) for v in (plain, sharpened)
+        jpeg_round_trip(np.rint(np.clip(v, 0, 255)).astype(np.uint8), 85)
+        for v in (plain, sharpened)
     )
     decision = restorer.decide(sharpened)
     assert decision.fraction == 0
@@ -454,7 +464,7 @@ def test_weakly_sharpened_image_is_restored_partially(
     shared_data: Path, name: str, kind: str, quality: int
 ):
     """Denoised and sharpened by an amount of 0.3: less blur is removed than from the image without."""
-    sensor = faster(om.load_sensor(name), 256, 1.0)
+    sensor = with_fewer_pixels(om.load_sensor(name), 256, 1.0)
     restorer, scene = Restorer(sensor), SCENES[kind](shared_data)
     values = srgb_from_linear(_rendered(sensor, scene, 0))
     noisy = np.rint(
@@ -463,7 +473,8 @@ def test_weakly_sharpened_image_is_restored_partially(
     plain = cv2.bilateralFilter(noisy.astype(np.uint8), 5, 10, 2).astype(np.float32)
     sharpened = plain + 0.3 * (plain - cv2.GaussianBlur(plain, (0, 0), 1.0))
     plain, sharpened = (
-        coded(np.rint(np.clip(v, 0, 255)).astype(np.uint8), quality) for v in (plain, sharpened)
+        jpeg_round_trip(np.rint(np.clip(v, 0, 255)).astype(np.uint8), quality)
+        for v in (plain, sharpened)
     )
     decision = restorer.decide(sharpened)
     assert decision.fraction < 0.5
@@ -476,7 +487,7 @@ def test_weakly_sharpened_image_is_restored_partially(
 @pytest.mark.parametrize("quality", [85, pytest.param(70, marks=pytest.mark.full)])
 def test_coding_ringing_is_not_sharpening(small: Restorer, scene: om.Environment, quality: int):
     """Sharp edges everywhere, where coding errors overshoot by more than a sharpened photograph does."""
-    image = coded(om.render_image(small.camera, scene, samples=64, blur=True), quality)
+    image = jpeg_round_trip(om.render_image(small.camera, scene, samples=64, blur=True), quality)
     assert small.decide(image).fraction > 0.5
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import faster
+from benchmarks.restoration_gain import with_fewer_pixels
 
 import omnimirror as om
 from omnimirror.base.native import backend
@@ -39,7 +39,7 @@ def small_tiles(monkeypatch: pytest.MonkeyPatch):
 
 def blur_of(fineness: int) -> Blur:
     """Blur of a cropped image, with kernels that extend beyond its border."""
-    sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
+    sensor = with_fewer_pixels(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
     sensor = replace(
         sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0))
     )
@@ -159,7 +159,7 @@ def test_concentration_is_row_norm(blur: Blur):
 def test_step_size_follows_concentration(name: str):
     """Squares with noise: with 0.1 or 10 times the concentration, conjugate gradients leave more
     blur."""
-    problem = BlurProblem(radial_blur_of(faster(om.load_sensor(name), 144, 0.5)))
+    problem = BlurProblem(radial_blur_of(with_fewer_pixels(om.load_sensor(name), 144, 0.5)))
     rng = np.random.default_rng(8)
     light = np.kron(rng.random((18, 18)), np.ones((8, 8))).astype(np.float32)[..., None]
     fine = np.repeat(np.repeat(light, 2, axis=0), 2, axis=1)
@@ -210,7 +210,7 @@ def test_large_difference_cost_flattens_image(blur: Blur, kind):
 @pytest.mark.usefixtures("small_tiles")
 @pytest.mark.parametrize("kind", KINDS)
 def test_values_far_from_known_pixels_are_unchanged(kind):
-    sensor = faster(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
+    sensor = with_fewer_pixels(om.load_sensor("paper-hyperboloidal"), 96, 0.5)
     imager = Imager(130, 140, sensor.imager.pixel_pitch_um, centre_px=(40.0, 50.0))
     blur = BlurProblem(radial_blur_of(replace(sensor, imager=imager))).blur
     roots = random_roots(blur)
@@ -255,7 +255,9 @@ def test_pixels_with_shared_kernel_are_grouped(
     monkeypatch: pytest.MonkeyPatch, block: int, channels: int
 ):
     monkeypatch.setattr(blur_model, "_block_px", lambda sizes, whole_radius_px: block)
-    blur = BlurProblem(radial_blur_of(faster(om.load_sensor("paper-spherical"), 100, 0.4))).blur
+    blur = BlurProblem(
+        radial_blur_of(with_fewer_pixels(om.load_sensor("paper-spherical"), 100, 0.4))
+    ).blur
     roots = random_roots(blur, channels)
     one, other = (kind(blur).start(roots, roots) for kind in (CompiledDeblurring, SparseDeblurring))
     for sharp in (one, other):
@@ -319,7 +321,7 @@ def test_compiled_solver_matches_matrices(
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
 def test_tiled_restoration_matches_full_image(monkeypatch: pytest.MonkeyPatch, name: str):
     """Including tile boundaries: a checkerboard is restored equally well."""
-    problem = BlurProblem(radial_blur_of(faster(om.load_sensor(name), 160, 0.625)))
+    problem = BlurProblem(radial_blur_of(with_fewer_pixels(om.load_sensor(name), 160, 0.625)))
     columns = np.arange(160) // 9 % 2
     light = np.where(columns ^ columns[:, None], 0.5, 0.1).astype(np.float32)[..., None]
     roots = np.sqrt(light)

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import clouds, dead_leaves, faster
+from benchmarks.restoration_gain import clouds, dead_leaves, with_fewer_pixels
 
 import omnimirror as om
 from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
@@ -16,7 +16,7 @@ from omnimirror.simulation.scenes.calibration_hall import Hall
 @pytest.fixture(scope="module")
 def light() -> np.ndarray:
     """An image of the hall with the blur of a spherical mirror, in linear light."""
-    sensor = faster(om.load_sensor("paper-spherical"), 256, 1.0)
+    sensor = with_fewer_pixels(om.load_sensor("paper-spherical"), 256, 1.0)
     return om.expose(sensor, Hall(), samples=16, blur=True)
 
 
@@ -68,7 +68,10 @@ def test_coding_error_estimate_with_and_without_file(light, inside, tmp_path, qu
 def test_texture_is_not_residual_coding_noise(inside, quality: int):
     """Clouds have no uniform blocks; without their gradient, the residual is texture."""
     textured = om.expose(
-        faster(om.load_sensor("paper-spherical"), 256, 1.0), clouds(1024), samples=32, blur=True
+        with_fewer_pixels(om.load_sensor("paper-spherical"), 256, 1.0),
+        clouds(1024),
+        samples=32,
+        blur=True,
     )
     for noise in (0.003, 0.03):
         picture = as_jpeg(noisy(textured, noise), quality)[1]
@@ -202,7 +205,7 @@ def test_invalid_noise_input_raises(tmp_path):
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-equidistant", "paper-hyperboloidal"])
 def test_coding_error_of_leaves(name: str):
     """Strong texture, with colours coarsened by coding."""
-    sensor = faster(om.load_sensor(name), 512, om.load_sensor(name).lens.f_number / 2)
+    sensor = with_fewer_pixels(om.load_sensor(name), 512, om.load_sensor(name).lens.f_number / 2)
     light = om.expose(sensor, dead_leaves(), samples=16, blur=True)
     rows, columns = np.indices(light.shape[:2]) - 255.5
     inside = np.hypot(rows, columns) < 0.95 * sensor.rim_radius_px

@@ -17,17 +17,17 @@ import omnimirror as om
 from omnimirror.base.native import backend
 
 
-def arguments_of(description: str, runs: int) -> argparse.Namespace:
+def parse_arguments(description: str, runs: int) -> argparse.Namespace:
     """Parse the common options."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="photograph; noise by default")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--image", type=Path, help="photograph; noise by default")
     parser.add_argument("--runs", type=int, default=runs)
     parser.add_argument("--threads", type=int, nargs="*", default=[1, 4])
     return parser.parse_args()
 
 
-def photograph_of(path: Path | None) -> np.ndarray:
+def load_photograph(path: Path | None) -> np.ndarray:
     """Return a large colour image."""
     return (
         om.read_image(path)
@@ -42,23 +42,24 @@ def set_threads(count: int) -> None:
     cv2.setNumThreads(count)
 
 
-def clock_of(threads: int) -> Callable[[], float]:
+def select_clock(threads: int) -> Callable[[], float]:
     """Return the clock: processor time for one thread, because it is independent of other load,
     otherwise wall-clock time."""
     return time.thread_time if threads == 1 else time.perf_counter
 
 
-def circumstances(runs: int, in_a_row: int = 1, by_processor_time: bool = False) -> str:
+def describe_conditions(runs: int, repetitions: int = 1, by_processor_time: bool = False) -> str:
     """Describe method and machine in one paragraph."""
-    row = f" of {in_a_row} repetitions" if in_a_row > 1 else ""
+    repeated = f" of {repetitions} repetitions" if repetitions > 1 else ""
     clock = "; processor time for one thread" if by_processor_time else ""
     return (
-        f"`{Path(sys.argv[0]).name}` on {processor()}, {os.cpu_count()} cores, {backend.name} samplers, OpenCV "
-        f"{cv2.__version__}, NumPy {np.__version__}; medians of {runs} interleaved runs{row}{clock}.{other_load()}"
+        f"`{Path(sys.argv[0]).name}` on {processor_name()}, {os.cpu_count()} cores, {backend.name} samplers, OpenCV "
+        f"{cv2.__version__}, NumPy {np.__version__}; medians of "
+        f"{runs} interleaved runs{repeated}{clock}.{load_warning()}"
     )
 
 
-def other_load() -> str:
+def load_warning() -> str:
     """Return a warning if other processes load the machine."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     return (
@@ -68,7 +69,7 @@ def other_load() -> str:
     )
 
 
-def processor() -> str:
+def processor_name() -> str:
     """Return the name of the processor, if available."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

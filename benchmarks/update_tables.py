@@ -2,7 +2,7 @@
 
 Tables that were not measured remain unchanged.
 
-    python benchmarks/tables_to_docs.py --tables out/benchmarks
+    python benchmarks/update_tables.py --tables out/benchmarks
 """
 
 from __future__ import annotations

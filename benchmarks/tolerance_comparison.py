@@ -8,7 +8,7 @@ object, focus, blur and five calibrations. All variants run interleaved in one p
 medians of processor time. Before the measurement, the program verifies that both trace the same rays: rays computed for
 the objects of a perturbed sensor are launched in Optiland and must leave its mirror towards these objects.
 
-    python benchmarks/tolerance_peers.py --out out/benchmarks
+    python benchmarks/tolerance_comparison.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from circumstances import processor
-from timing import interleaved
+from measurement_conditions import processor_name
+from timing import measure_interleaved
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -34,7 +34,7 @@ from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
 from omnimirror.manufacturing.tolerancing.trial_images import trace_objects
 
-RUNS, TRIALS, OF_OPTILAND = 9, 2000, 3
+RUNS, TRIALS, OPTILAND_TRIALS = 9, 2000, 3
 SIZES = dict(zip(POSE, (0.1, 0.1, 0.1, 0.1, 0.1), strict=True))
 
 
@@ -62,20 +62,25 @@ def optiland_system(sensor: om.Sensor) -> Any:
 def perturb(system: Any, values: dict[str, float]) -> None:
     """Perturb the mirror of a system as in a trial; Optiland rotates about X, then Y, as omnimirror
     does."""
-    place = system.surface_group.surfaces[1].geometry.cs
-    place.x, place.y, place.z = (values[name] for name in POSE[:3])
-    place.rx, place.ry = np.radians(values[POSE[3]]), np.radians(values[POSE[4]])
+    coordinate_system = system.surface_group.surfaces[1].geometry.cs
+    coordinate_system.x, coordinate_system.y, coordinate_system.z = (
+        values[name] for name in POSE[:3]
+    )
+    coordinate_system.rx, coordinate_system.ry = (
+        np.radians(values[POSE[3]]),
+        np.radians(values[POSE[4]]),
+    )
 
 
-def launched(sensor: om.Sensor, tangents: np.ndarray) -> Any:
+def launch_rays(sensor: om.Sensor, tangents: np.ndarray) -> Any:
     """Launch rays from the lens with given tangents."""
     from optiland.rays import RealRays
 
     n = len(tangents)
     zero, one = np.zeros(n), np.ones(n)
-    way = np.column_stack([tangents, one]) / np.sqrt(1 + (tangents**2).sum(axis=1))[:, None]
+    cosines = np.column_stack([tangents, one]) / np.sqrt(1 + (tangents**2).sum(axis=1))[:, None]
     return RealRays(
-        zero, zero, np.full(n, -sensor.mirror_distance_mm), *way.T.copy(), one, 0.55 * one
+        zero, zero, np.full(n, -sensor.mirror_distance_mm), *cosines.T.copy(), one, 0.55 * one
     )
 
 
@@ -87,11 +92,11 @@ def largest_angle_rad(
     field = evaluator.field
     states = states_of(field.sensor, {name: np.array([v]) for name, v in values.items()})
     tangents = trace_objects(states, field.targets, field.distant, field.start).tangents[0]
-    system, rays = optiland_system(sensor), launched(sensor, tangents)
+    system, rays = optiland_system(sensor), launch_rays(sensor, tangents)
     perturb(system, values)
     system.surface_group.surfaces[1].trace(rays)
-    found = np.column_stack([np.asarray(rays.L), np.asarray(rays.M), np.asarray(rays.N)])
-    return float(np.linalg.norm(np.cross(found, field.targets), axis=1).max())
+    directions = np.column_stack([np.asarray(rays.L), np.asarray(rays.M), np.asarray(rays.N)])
+    return float(np.linalg.norm(np.cross(directions, field.targets), axis=1).max())
 
 
 def tolerancing(system: Any, operands: int) -> Any:
@@ -100,34 +105,36 @@ def tolerancing(system: Any, operands: int) -> Any:
     from optiland.tolerancing.monte_carlo import MonteCarlo
     from optiland.tolerancing.perturbation import DistributionSampler
 
-    asked = Tolerancing(system)
-    around = np.arange(operands) * 2.4  # golden angle
-    reach = np.sqrt((np.arange(operands) + 0.5) / operands)
-    for r, phi in zip(reach, around, strict=True):
-        at = {"optic": system, "surface_number": 1, "Hx": 0, "Hy": 0, "wavelength": 0.55}
-        asked.add_operand("real_M", input_data={**at, "Px": r * np.cos(phi), "Py": r * np.sin(phi)})
+    analysis = Tolerancing(system)
+    azimuths = np.arange(operands) * 2.4  # golden angle
+    radii = np.sqrt((np.arange(operands) + 0.5) / operands)
+    for r, phi in zip(radii, azimuths, strict=True):
+        settings = {"optic": system, "surface_number": 1, "Hx": 0, "Hy": 0, "wavelength": 0.55}
+        analysis.add_operand(
+            "real_M", input_data={**settings, "Px": r * np.cos(phi), "Py": r * np.sin(phi)}
+        )
     for kind, axes, size in (("decenter", "xy", 0.1), ("tilt", "xy", np.radians(0.1))):
         for axis in axes:
             sampler = DistributionSampler("normal", loc=0.0, scale=size)
-            asked.add_perturbation(kind, sampler, surface_number=1, axis=axis)
-    asked.add_perturbation(
+            analysis.add_perturbation(kind, sampler, surface_number=1, axis=axis)
+    analysis.add_perturbation(
         "thickness",
         DistributionSampler("normal", loc=system.surface_group.get_thickness(0)[0], scale=0.1),
         surface_number=0,
     )
-    return MonteCarlo(asked)
+    return MonteCarlo(analysis)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
     backend.set_threads(1)
     sensor = om.load_sensor("paper-spherical")
     evaluator = TrialEvaluator.of(sensor, "rms")
     rng, n = np.random.default_rng(1), len(evaluator.field)
-    off = max(
+    max_angle_rad = max(
         largest_angle_rad(
             sensor, evaluator, {name: float(rng.normal() * size) for name, size in SIZES.items()}
         )
@@ -140,60 +147,63 @@ def main() -> None:
     tangents = trace_objects(
         states, evaluator.field.targets, evaluator.field.distant, evaluator.field.start
     ).tangents[0]
-    by_hand = optiland_system(sensor)
+    manual_system = optiland_system(sensor)
 
-    def one_call() -> None:
+    def trace_mirror() -> None:
         for values in (
-            {name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)
+            {name: rng.normal() * size for name, size in SIZES.items()}
+            for _ in range(OPTILAND_TRIALS)
         ):
-            perturb(by_hand, values)
-            by_hand.surface_group.surfaces[1].trace(launched(sensor, tangents))
+            perturb(manual_system, values)
+            manual_system.surface_group.surfaces[1].trace(launch_rays(sensor, tangents))
 
-    aims = np.random.default_rng(2).uniform(-0.6, 0.6, (2, n))
+    pupil_points = np.random.default_rng(2).uniform(-0.6, 0.6, (2, n))
 
-    def one_call_aimed() -> None:
+    def trace_system() -> None:
         for values in (
-            {name: rng.normal() * size for name, size in SIZES.items()} for _ in range(OF_OPTILAND)
+            {name: rng.normal() * size for name, size in SIZES.items()}
+            for _ in range(OPTILAND_TRIALS)
         ):
-            perturb(by_hand, values)
-            by_hand.trace_generic(0.0, 0.0, *aims, 0.55)
+            perturb(manual_system, values)
+            manual_system.trace_generic(0.0, 0.0, *pupil_points, 0.55)
 
-    every, single = (tolerancing(optiland_system(sensor), count) for count in (n, 1))
+    all_operands, single = (tolerancing(optiland_system(sensor), count) for count in (n, 1))
     functions: dict[str, Callable[[], object]] = {
-        "ours": lambda: evaluator.evaluate(tolerances.drawn(0, 0, TRIALS)),
-        "every": lambda: every.run(OF_OPTILAND),
-        "single": lambda: single.run(OF_OPTILAND),
-        "aimed": one_call_aimed,
-        "by hand": one_call,
+        "omnimirror": lambda: evaluator.evaluate(tolerances.drawn(0, 0, TRIALS)),
+        "all operands": lambda: all_operands.run(OPTILAND_TRIALS),
+        "one operand": lambda: single.run(OPTILAND_TRIALS),
+        "system": trace_system,
+        "mirror": trace_mirror,
     }
-    medians = interleaved(functions, RUNS, clock=time.process_time)
-    ours = medians["ours"] / TRIALS
-    rows = [f"| omnimirror, all of it | {n} | {1e3 * ours:.2f} | |"]
-    for name, words, rays in (
-        ("every", "Optiland's tolerancing module", n),
-        ("single", "the same", 1),
-        ("aimed", "custom code: perturbations, and one vectorised call of the Optiland tracer", n),
+    medians = measure_interleaved(functions, RUNS, clock=time.process_time)
+    trial_ms = medians["omnimirror"] / TRIALS
+    rows = [f"| omnimirror, complete trial | {n} | {1e3 * trial_ms:.2f} | |"]
+    for name, label, rays in (
+        ("all operands", "Optiland's tolerancing module", n),
+        ("one operand", "Optiland's tolerancing module, one operand", 1),
+        ("system", "custom code: perturbations, and one vectorised call of the Optiland tracer", n),
         (
-            "by hand",
+            "mirror",
             "custom code: perturbations, and intersection of given rays with the mirror only",
             n,
         ),
     ):
-        ms = medians[name] / OF_OPTILAND
-        rows.append(f"| {words} | {rays} | {1e3 * ms:,.0f} | {ms / rays / (ours / n):,.0f} |")
+        ms = medians[name] / OPTILAND_TRIALS
+        rows.append(f"| {label} | {rays} | {1e3 * ms:,.0f} | {ms / rays / (trial_ms / n):,.0f} |")
     table = "\n".join(
         [
             f"Medians of {RUNS} interleaved runs, one thread, processor time. Python {platform.python_version()}, "
-            f"NumPy {np.__version__}, Optiland {version('optiland')}, {backend.name} ({processor()}). The same rays "
-            f"leave both mirrors in directions that differ by {off:.1e} rad at most.",
+            f"NumPy {np.__version__}, Optiland {version('optiland')}, "
+            f"{backend.name} ({processor_name()}). The same rays "
+            f"leave both mirrors in directions that differ by at most {max_angle_rad:.1e} rad.",
             "",
-            "| trial | rays | us | ratio to omnimirror per ray |",
+            "| trial | rays | time, us | ratio to omnimirror per ray |",
             "|---|---:|---:|---:|",
             *rows,
         ]
     )
     print(table)
-    write_text(arguments.out / "tolerance_peers.md", table + "\n")
+    write_text(arguments.output / "tolerance_comparison.md", table + "\n")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Generate documentation from the code: two package diagrams, and the quantities of the glossary.
 
-    python docs/from_code.py
+    python docs/generated_content.py
 
 Layers are those of the import rules in pyproject.toml. Each package is labelled with the first line
 of its docstring. In the matrix, a dot marks an import of the package above by the package on the
@@ -23,12 +23,13 @@ from omnimirror.base.quantities import QUANTITIES
 ROOT = Path(__file__).parents[1]
 PACKAGE = "omnimirror"
 WIDTH, MARGIN, GAP = 1180, 16, 10
-LINE, TITLE, LETTER = 14, 20, 6.0  # line heights and mean width of a small letter, px
-CELL = 24  # cell size of the matrix
-INK, SMALL, PAPER, DOT = "#22303c", "#4a5b68", "#eef3f6", "#2b6cb0"
+LINE_HEIGHT, TITLE_HEIGHT = 14, 20  # px
+LETTER_WIDTH = 6.0  # mean width of a small letter, px
+CELL_SIZE = 24  # of the matrix, px
+TEXT_COLOUR, DETAIL_COLOUR, FILL_COLOUR, DOT_COLOUR = "#22303c", "#4a5b68", "#eef3f6", "#2b6cb0"
 
 
-def floors() -> list[list[str]]:
+def package_layers() -> list[list[str]]:
     """Return the packages of each layer, from the top."""
     rules = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
         "contracts"
@@ -40,9 +41,9 @@ def floors() -> list[list[str]]:
     return [row for row in rows if row != ["__main__"]]
 
 
-def purpose(room: str) -> str:
+def summary(package: str) -> str:
     """Return the first line of the docstring of a package."""
-    path = ROOT / "src" / PACKAGE / room
+    path = ROOT / "src" / PACKAGE / package
     file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     doc = ast.get_docstring(ast.parse(file.read_text())) or ""
     return doc.split("\n\n")[0].replace("\n", " ").replace("`", "")
@@ -67,53 +68,79 @@ def svg(width: float, height: float, label: str, parts: list[str]) -> str:
     return "\n".join([head, *parts, "</svg>", ""])
 
 
-def text(x: float, y: float, words: str, size: int, colour: str, more: str = "") -> str:
-    return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" fill="{colour}"{more}>{escape(words)}</text>'
+def text(x: float, y: float, content: str, size: int, colour: str, attributes: str = "") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" fill="{colour}"{attributes}>{escape(content)}</text>'
 
 
-def floor_plan() -> str:
+def layer_diagram() -> str:
     """Return the layer diagram: one row per layer, with the purpose of each package."""
     parts, top = [], float(MARGIN)
-    for row in floors():
+    for row in package_layers():
         width = (WIDTH - 2 * MARGIN - GAP * (len(row) - 1)) / len(row)
-        lines = [textwrap.wrap(purpose(room), int((width - 20) / LETTER)) for room in row]
-        height = TITLE + LINE * max(map(len, lines)) + 12
-        for i, room in enumerate(row):
+        lines = [
+            textwrap.wrap(summary(package), int((width - 20) / LETTER_WIDTH)) for package in row
+        ]
+        height = TITLE_HEIGHT + LINE_HEIGHT * max(map(len, lines)) + 12
+        for i, package in enumerate(row):
             left = MARGIN + i * (width + GAP)
             parts.append(
-                f'<rect x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" height="{height:.1f}" rx="5" fill="{PAPER}" '
-                f'stroke="{INK}"/>'
+                f'<rect x="{left:.1f}" y="{top:.1f}" width="{width:.1f}" '
+                f'height="{height:.1f}" rx="5" fill="{FILL_COLOUR}" '
+                f'stroke="{TEXT_COLOUR}"/>'
             )
-            parts.append(text(left + 10, top + TITLE - 2, room, 14, INK, ' font-weight="bold"'))
+            parts.append(
+                text(
+                    left + 10,
+                    top + TITLE_HEIGHT - 2,
+                    package,
+                    14,
+                    TEXT_COLOUR,
+                    ' font-weight="bold"',
+                )
+            )
             for j, line in enumerate(lines[i]):
-                parts.append(text(left + 10, top + TITLE + LINE * (j + 1) - 1, line, 11, SMALL))
+                parts.append(
+                    text(
+                        left + 10,
+                        top + TITLE_HEIGHT + LINE_HEIGHT * (j + 1) - 1,
+                        line,
+                        11,
+                        DETAIL_COLOUR,
+                    )
+                )
         top += height + GAP
-    return svg(WIDTH, top - GAP + MARGIN, "The rooms of omnimirror, floor by floor", parts)
+    return svg(WIDTH, top - GAP + MARGIN, "Layers and packages of omnimirror", parts)
 
 
 def matrix() -> str:
     """Return the import matrix with packages from the top layer down on both axes; all dots are
     right of the diagonal."""
-    rooms = [room for row in floors() for room in row]
-    reached, left, top = imports(), 110, 100
+    packages = [package for row in package_layers() for package in row]
+    imported, left, top = imports(), 110, 100
     parts = []
-    for i, room in enumerate(rooms):
-        x, y = left + i * CELL, top + i * CELL
+    for i, package in enumerate(packages):
+        x, y = left + i * CELL_SIZE, top + i * CELL_SIZE
         if i % 2 == 0:
             parts.append(
-                f'<rect x="0" y="{y}" width="{left + CELL * len(rooms)}" height="{CELL}" fill="{PAPER}"/>'
+                f'<rect x="0" y="{y}" width="{left + CELL_SIZE * len(packages)}" '
+                f'height="{CELL_SIZE}" fill="{FILL_COLOUR}"/>'
             )
-        parts.append(text(left - 8, y + CELL / 2 + 4, room, 12, INK, ' text-anchor="end"'))
-        turned = f' transform="rotate(-60 {x + CELL / 2:g} {top - 6})"'
-        parts.append(text(x + CELL / 2, top - 6, room, 12, INK, turned))
         parts.append(
-            f'<rect x="{x + 8}" y="{y + 8}" width="{CELL - 16}" height="{CELL - 16}" fill="#c5d0d8"/>'
+            text(left - 8, y + CELL_SIZE / 2 + 4, package, 12, TEXT_COLOUR, ' text-anchor="end"')
         )
-    for a, b in sorted(reached):
-        x, y = left + (rooms.index(b) + 0.5) * CELL, top + (rooms.index(a) + 0.5) * CELL
-        parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="5" fill="{DOT}"/>')
-    side = CELL * len(rooms)
-    return svg(left + side + 60, top + side + MARGIN, "Which room imports which", parts)
+        rotation = f' transform="rotate(-60 {x + CELL_SIZE / 2:g} {top - 6})"'
+        parts.append(text(x + CELL_SIZE / 2, top - 6, package, 12, TEXT_COLOUR, rotation))
+        parts.append(
+            f'<rect x="{x + 8}" y="{y + 8}" width="{CELL_SIZE - 16}" height="{CELL_SIZE - 16}" fill="#c5d0d8"/>'
+        )
+    for a, b in sorted(imported):
+        x, y = (
+            left + (packages.index(b) + 0.5) * CELL_SIZE,
+            top + (packages.index(a) + 0.5) * CELL_SIZE,
+        )
+        parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="5" fill="{DOT_COLOUR}"/>')
+    side = CELL_SIZE * len(packages)
+    return svg(left + side + 60, top + side + MARGIN, "Imports between packages", parts)
 
 
 def quantities() -> str:
@@ -135,10 +162,14 @@ def quantities() -> str:
     )
 
 
-MADE = {"images/floors.svg": floor_plan, "images/imports.svg": matrix, "glossary.md": quantities}
+GENERATED = {
+    "images/layers.svg": layer_diagram,
+    "images/imports.svg": matrix,
+    "glossary.md": quantities,
+}
 """Generated files of this folder with their generators."""
 
 
 if __name__ == "__main__":
-    for name, make in MADE.items():
-        (ROOT / "docs" / name).write_text(make())
+    for name, generate in GENERATED.items():
+        (ROOT / "docs" / name).write_text(generate())

@@ -2,10 +2,10 @@
 
 A headless Chromium without a GPU controls the page; the server runs on the same machine. All plots are displayed; the
 simulated image is updated when no slider moves. ``server`` is the processor time of the response without the
-connection, ``page`` that of the page thread including painting. ``picture`` is the wall time of the response with
+connection, ``page`` that of the page thread including painting. ``image`` is the wall time of the response with
 image and panorama: small while a slider moves, and large afterwards.
 
-    python benchmarks/slider_to_plots.py --out out/benchmarks
+    python benchmarks/slider_latency.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from circumstances import circumstances
+from measurement_conditions import describe_conditions
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
@@ -40,7 +40,7 @@ from omnimirror.base.files import write_text
 from omnimirror.interop.http_server.server import Server, listen, server_config
 from omnimirror.optics.sensor_files import tables_of
 
-KINDS = (
+MIRROR_KINDS = (
     "sphere",
     "hyperboloid",
     "even-polynomial",
@@ -50,9 +50,9 @@ KINDS = (
     "tabulated-mapping",
 )
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PICTURES = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
+RENDER_REQUESTS = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
-MOVE = """async (count) => {
+MOVE_SCRIPT = """async (count) => {
   const { design: bench } = window.omnimirror.tabs;
   const slider = document.querySelector("#design input[type=range]");
   const frame = () => new Promise((done) => requestAnimationFrame(done));
@@ -66,9 +66,9 @@ MOVE = """async (count) => {
 }"""
 
 
-SPACE = "window.omnimirror.tabs.design.plotArea.space.view"
-TURN = f"""async (count) => {{
-  const view = {SPACE}, gl = view.canvas.getContext("webgl2"), pixel = new Uint8Array(4);
+VIEW_3D = "window.omnimirror.tabs.design.plotArea.space.view"
+ROTATE_SCRIPT = f"""async (count) => {{
+  const view = {VIEW_3D}, gl = view.canvas.getContext("webgl2"), pixel = new Uint8Array(4);
   const frame = () => new Promise((done) => requestAnimationFrame(done));
   const found = [];
   for (let i = 0, before = await frame(); i < count; i++) {{
@@ -101,7 +101,7 @@ def serving() -> Iterator[str]:
 
 def server_ms(sensor: BenchSensor, runs: int) -> float:
     """Return the median processor time of a response in the server, ms."""
-    ask = DesignRequest(
+    request = DesignRequest(
         slot=0,
         number=0,
         tables=sensor.tables,
@@ -113,35 +113,34 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
     )
     times = []
     for _ in range(runs):
-        begin = time.thread_time()
-        answer(ask)
-        times.append(time.thread_time() - begin)
+        start = time.thread_time()
+        answer(request)
+        times.append(time.thread_time() - start)
     return 1e3 * float(np.median(times))
 
 
-def picture_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> float:
+def render_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> float:
     """Return the median time of a response with an image of a room, ms."""
-    ask = RenderRequest(tables=sensor.tables, width_px=width_px, samples=samples)
+    request = RenderRequest(tables=sensor.tables, width_px=width_px, samples=samples)
     times = []
     for _ in range(runs):
-        begin = time.perf_counter()
-        taken(ask)
-        times.append(time.perf_counter() - begin)
+        start = time.perf_counter()
+        taken(request)
+        times.append(time.perf_counter() - start)
     return 1e3 * float(np.median(times))
 
 
-def turned(page: Any, count: int) -> str:
+def measure_rotation(page: Any, count: int) -> str:
     """Return the frame time of the 3-D view during rotation."""
     page.locator(".groups label").filter(has_text="3-D view").click()
-    page.wait_for_function(f"{SPACE}?.frames > 0 && {SPACE}.rays.length > 0")
-    page.evaluate(TURN, 10)
-    found, width, height = page.evaluate(TURN, count)
-    (frame, drawn), (slow, _) = np.median(found, axis=0), np.percentile(found, 95, axis=0)
-    return (
-        f"3-D view of {width} x {height} px during rotation, without a GPU: "
-        f"frame interval {frame:.1f} ms (95th percentile: {slow:.1f} ms), "
-        f"of which drawing takes {drawn:.1f} ms."
+    page.wait_for_function(f"{VIEW_3D}?.frames > 0 && {VIEW_3D}.rays.length > 0")
+    page.evaluate(ROTATE_SCRIPT, 10)
+    frame_times, width, height = page.evaluate(ROTATE_SCRIPT, count)
+    (frame, drawn), (slow, _) = (
+        np.median(frame_times, axis=0),
+        np.percentile(frame_times, 95, axis=0),
     )
+    return f"3-D view of {width} x {height} px during rotation, without a GPU: frame interval {frame:.1f} ms (95th percentile: {slow:.1f} ms), of which drawing takes {drawn:.1f} ms."
 
 
 def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray, float]:
@@ -154,30 +153,30 @@ def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray,
             f"window.omnimirror.tabs.design.history.now.tables.mirror.kind === '{kind}'"
         )
         page.wait_for_timeout(500)
-    page.evaluate(MOVE, 10)
-    before = busy_s(metrics)
-    delays = np.array(page.evaluate(MOVE, count))
-    return delays, 1e3 * (busy_s(metrics) - before) / count
+    page.evaluate(MOVE_SCRIPT, 10)
+    before = page_processor_s(metrics)
+    delays = np.array(page.evaluate(MOVE_SCRIPT, count))
+    return delays, 1e3 * (page_processor_s(metrics) - before) / count
 
 
-def busy_s(metrics: Any) -> float:
+def page_processor_s(metrics: Any) -> float:
     """Return the processor time of the main thread of the page."""
-    told = metrics.send("Performance.getMetrics")["metrics"]
-    return float(next(m["value"] for m in told if m["name"] == "TaskDuration"))
+    values = metrics.send("Performance.getMetrics")["metrics"]
+    return float(next(m["value"] for m in values if m["name"] == "TaskDuration"))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=100)
     arguments = parser.parse_args()
-    said = circumstances(arguments.runs).replace("interleaved runs", "changes")
+    conditions = describe_conditions(arguments.runs).replace("interleaved runs", "changes")
     first = tables_of(om.load_sensor("paper-spherical"))
     sensors = {
         kind: on_bench(
             changed(DesignChange(tables=first, target="mirror", to=kind, object_distance_mm=None))
         )
-        for kind in KINDS
+        for kind in MIRROR_KINDS
     }
     chromium = (
         os.environ.get("CHROMIUM")
@@ -196,25 +195,29 @@ def main() -> None:
         metrics = page.context.new_cdp_session(page)
         metrics.send("Performance.enable", {"timeDomain": "threadTicks"})
         for kind, sensor in sensors.items():
-            drawn, busy = page_ms(page, metrics, kind, arguments.runs)
-            pictures = (picture_ms(sensor, width, samples, 9) for width, samples in PICTURES)
+            drawn, page_time = page_ms(page, metrics, kind, arguments.runs)
+            render_times = (
+                render_ms(sensor, width, samples, 9) for width, samples in RENDER_REQUESTS
+            )
             server = server_ms(sensor, arguments.runs)
-            rows.append((kind, server, busy, np.median(drawn), np.percentile(drawn, 95), *pictures))
-        space = turned(page, arguments.runs)
+            rows.append(
+                (kind, server, page_time, np.median(drawn), np.percentile(drawn, 95), *render_times)
+            )
+        rotation = measure_rotation(page, arguments.runs)
         browser.close()
     lines = [
         f"| {kind} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
         for kind, *values in rows
     ]
-    sizes = " | ".join(f"picture {width} px, ms" for width, _ in PICTURES)
-    head = (
+    sizes = " | ".join(f"image of {width} px, ms" for width, _ in RENDER_REQUESTS)
+    header = (
         f"| mirror | server, ms | page, ms | slider to plots, ms | 95th percentile, ms | {sizes} |\n"
         + "| --- " * 7
         + "|"
     )
-    text = "\n".join(["# Slider to plots", "", said, "", head, *lines, "", space, ""])
+    text = "\n".join(["# Slider latency", "", conditions, "", header, *lines, "", rotation, ""])
     print(text)
-    write_text(arguments.out / "slider_to_plots.md", text)
+    write_text(arguments.output / "slider_latency.md", text)
 
 
 if __name__ == "__main__":

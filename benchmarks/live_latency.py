@@ -6,7 +6,7 @@ is compared with decoding by FFmpeg alone, which returns a frame after the start
 later). ``unparsed`` is a stream opened with ``options={"fflags": "+noparse+nofillin"}``, which avoids one of these
 frames.
 
-    python benchmarks/live_delay.py --out out/benchmarks --picture photograph.jpg
+    python benchmarks/live_latency.py -o out/benchmarks --image photograph.jpg
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from omnimirror.io.live_sources import LOW_DELAY, LiveSource
 from omnimirror.io.video_frames import frame_of_image, planes
 from omnimirror.io.video_writer import VideoWriter
 
-SIDE, SIZE = 1000, (1280, 720)
+SOURCE_PX, VIEW_SIZE = 1000, (1280, 720)
 CAMERA = om.MirrorBall(
-    centre_px=((SIDE - 1) / 2, (SIDE - 1) / 2),
-    rim_radius_px=0.48 * SIDE,
+    centre_px=((SOURCE_PX - 1) / 2, (SOURCE_PX - 1) / 2),
+    rim_radius_px=0.48 * SOURCE_PX,
     field_deg=270.0,
-    image_size=(SIDE, SIDE),
+    image_size=(SOURCE_PX, SOURCE_PX),
 )
 BITS, CELL = 12, 16  # code of the frame number, in squares of CELL pixels
 FORMATS = {"HTTP": "mpegts", "UDP": "mpegts", "RTSP": "rtsp"}
@@ -51,39 +51,39 @@ FORMATS = {"HTTP": "mpegts", "UDP": "mpegts", "RTSP": "rtsp"}
 # -------------------------------------------------------------------------------------------
 
 
-def numbered(picture: np.ndarray, number: int) -> np.ndarray:
+def draw_number(image: np.ndarray, number: int) -> np.ndarray:
     """Draw a number into the corner of an image, outside the image circle."""
     for bit in range(BITS):
-        picture[:CELL, bit * CELL : (bit + 1) * CELL] = 235 if number >> bit & 1 else 20
-    return picture
+        image[:CELL, bit * CELL : (bit + 1) * CELL] = 235 if number >> bit & 1 else 20
+    return image
 
 
-def number_of(frame: av.VideoFrame) -> int:
+def read_number(frame: av.VideoFrame) -> int:
     """Read the number in the corner of a frame."""
-    middles = planes(frame)[0][CELL // 2, CELL // 2 : BITS * CELL : CELL]
-    return sum(1 << bit for bit, value in enumerate(middles) if value > 128)
+    values = planes(frame)[0][CELL // 2, CELL // 2 : BITS * CELL : CELL]
+    return sum(1 << bit for bit, value in enumerate(values) if value > 128)
 
 
 def make_clip(path: Path, photograph: np.ndarray, frames: int, rate: int) -> None:
     """Encode a rotating photograph with camera settings, without B-frames."""
-    middle = ((SIDE - 1) / 2, (SIDE - 1) / 2)
+    centre = ((SOURCE_PX - 1) / 2, (SOURCE_PX - 1) / 2)
     options = {"preset": "veryfast", "tune": "zerolatency", "g": str(rate), "b": "8000000"}
-    with VideoWriter(path, (SIDE, SIDE), rate, options=options) as video:
+    with VideoWriter(path, (SOURCE_PX, SOURCE_PX), rate, options=options) as video:
         for i in range(frames):
-            turned = cv2.warpAffine(
-                photograph, cv2.getRotationMatrix2D(middle, 0.5 * i, 1.0), (SIDE, SIDE)
+            rotated = cv2.warpAffine(
+                photograph, cv2.getRotationMatrix2D(centre, 0.5 * i, 1.0), (SOURCE_PX, SOURCE_PX)
             )
-            video.write(frame_of_image(numbered(turned, i)))
+            video.write(frame_of_image(draw_number(rotated, i)))
 
 
-def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
+def send(clip: str, url: str, transport: str, rate: int, times_path: str) -> None:
     """Send the packets of a clip at a constant rate, and record their times; runs in the sender
     process."""
     with av.open(clip) as source:
         stream = source.streams.video[0]
         packets = [packet for packet in source.demux(stream) if packet.size]
         target, connection = url, None
-        if kind == "HTTP":
+        if transport == "HTTP":
             listener = socket.create_server(
                 ("127.0.0.1", int(url.rpartition(":")[2].split("/")[0]))
             )
@@ -92,37 +92,37 @@ def send(clip: str, url: str, kind: str, rate: int, told: str) -> None:
             connection.recv(4096)
             connection.sendall(b"HTTP/1.0 200 OK\r\nContent-Type: video/mp2t\r\n\r\n")
             target = connection.makefile("wb", buffering=0)
-        sent: list[float] = []
+        sent_s: list[float] = []
         # The receiver closes the connection after its last frame.
         with (
             suppress(OSError),
-            av.open(target, "w", format=FORMATS[kind], options={"flush_packets": "1"}) as sink,
+            av.open(target, "w", format=FORMATS[transport], options={"flush_packets": "1"}) as sink,
         ):
             out = sink.add_stream_from_template(stream)
             begin = time.monotonic()
             for number, packet in enumerate(packets):
                 with suppress(ValueError):
                     time.sleep(begin + number / rate - time.monotonic())
-                sent.append(time.monotonic())
+                sent_s.append(time.monotonic())
                 packet.stream = out
                 packet.pts = packet.dts = round(number / rate / packet.time_base)
                 sink.mux(packet)
-    Path(told).write_text("\n".join(map(str, sent)))
+    Path(times_path).write_text("\n".join(map(str, sent_s)))
 
 
 # -- receiver
 # -----------------------------------------------------------------------------------------
 
 
-def free_port(kind: str) -> int:
+def free_port(transport: str) -> int:
     with socket.socket(
-        socket.AF_INET, socket.SOCK_DGRAM if kind == "UDP" else socket.SOCK_STREAM
+        socket.AF_INET, socket.SOCK_DGRAM if transport == "UDP" else socket.SOCK_STREAM
     ) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
 
-def decoded(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
+def decoded_frames(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
     """Yield decoded frames of FFmpeg as soon as they are available."""
     with av.open(url, options={**LOW_DELAY, **options}) as container:
         stream = container.streams.video[0]
@@ -130,23 +130,27 @@ def decoded(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
         yield from container.decode(stream)
 
 
-def viewed(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
+def dewarped_frames(url: str, options: dict[str, str]) -> Iterator[av.VideoFrame]:
     """Yield the same frames after their views have been computed."""
     with LiveSource(
         url, timeout_s=10.0, min_delay_s=0.05, reconnect=False, options=options
     ) as source:
         for i, frame in enumerate(source.frames()):
-            view = om.screens.Plane(SIZE, 0.5 * i, -20.0)
+            view = om.screens.Plane(VIEW_SIZE, 0.5 * i, -20.0)
             dewarp_frame(om.Dewarper(CAMERA, view, "linear"), frame, source.siting)
             yield frame
 
 
 def receive(
-    frames: Callable[..., Iterator[av.VideoFrame]], clip: Path, kind: str, rate: int, count: int
-) -> Received:
+    frames: Callable[..., Iterator[av.VideoFrame]],
+    clip: Path,
+    transport: str,
+    rate: int,
+    count: int,
+) -> LatencyMeasurement:
     """Record the times of reception and transmission of each frame."""
-    port = free_port(kind)
-    url, to, options = {
+    port = free_port(transport)
+    url, url_suffix, options = {
         "HTTP": (f"http://127.0.0.1:{port}/live.ts", "", {}),
         "UDP": (f"udp://127.0.0.1:{port}", "?pkt_size=1316", {}),
         "RTSP": (
@@ -154,54 +158,75 @@ def receive(
             "",
             {"rtsp_flags": "listen", "listen_timeout": "10"},
         ),
-    }[kind.split()[0]]
-    if kind.endswith("unparsed"):
+    }[transport.split()[0]]
+    if transport.endswith("unparsed"):
         options = {**options, "fflags": "+noparse+nofillin"}
-    told = clip.with_name("sent.txt")
+    times_path = clip.with_name("sent.txt")
     with subprocess.Popen(
-        [sys.executable, __file__, "--send", clip, url + to, kind.split()[0], str(rate), told]
+        [
+            sys.executable,
+            __file__,
+            "--send",
+            clip,
+            url + url_suffix,
+            transport.split()[0],
+            str(rate),
+            times_path,
+        ]
     ):
         time.sleep(1.0 if "http" in url else 0.0)  # HTTP: the sender is the server
-        done = {}
+        received_s = {}
         for frame in frames(url, options):
-            number = number_of(frame)
-            done[number] = time.monotonic()
+            number = read_number(frame)
+            received_s[number] = time.monotonic()
             if number >= count - 3:
                 break
-    sent = [float(line) for line in told.read_text().split()]
-    kept = {n: at for n, at in done.items() if n >= rate}  # excludes the first second
-    return Received(
-        np.array(list(kept)), np.array(list(kept.values())), np.array([sent[n] for n in kept])
+    sent_s = [float(line) for line in times_path.read_text().split()]
+    steady = {
+        number: at for number, at in received_s.items() if number >= rate
+    }  # excludes the first second
+    return LatencyMeasurement(
+        np.array(list(steady)),
+        np.array(list(steady.values())),
+        np.array([sent_s[number] for number in steady]),
     )
 
 
-class Received(NamedTuple):
+class LatencyMeasurement(NamedTuple):
     """Frame numbers with times of reception and transmission, s."""
 
     numbers: np.ndarray
-    done: np.ndarray
-    sent: np.ndarray
+    received_s: np.ndarray
+    sent_s: np.ndarray
 
     @property
-    def delay_ms(self) -> np.ndarray:
-        return 1e3 * (self.done - self.sent)
+    def latency_ms(self) -> np.ndarray:
+        return 1e3 * (self.received_s - self.sent_s)
 
     @property
     def rate(self) -> float:
-        return float((len(self.done) - 1) / (self.done[-1] - self.done[0]))
+        return float((len(self.received_s) - 1) / (self.received_s[-1] - self.received_s[0]))
 
     @property
-    def missing(self) -> int:
+    def dropped(self) -> int:
         return int(self.numbers[-1] - self.numbers[0] + 1 - len(self.numbers))
 
 
-def row_of(clip: Path, kind: str, rate: int, count: int) -> str:
+def table_row(clip: Path, transport: str, rate: int, count: int) -> str:
     """Return a row of the table."""
-    alone, ours = (receive(frames, clip, kind, rate, count) for frames in (decoded, viewed))
-    delay, added = np.median(ours.delay_ms), np.median(ours.delay_ms) - np.median(alone.delay_ms)
+    ffmpeg_only, with_view = (
+        receive(frames, clip, transport, rate, count)
+        for frames in (decoded_frames, dewarped_frames)
+    )
+    latency, added = (
+        np.median(with_view.latency_ms),
+        np.median(with_view.latency_ms) - np.median(ffmpeg_only.latency_ms),
+    )
     row = (
-        f"| {kind} | {rate} | {ours.rate:.1f} | {ours.missing} of {len(ours.numbers) + ours.missing} | "
-        f"{np.median(alone.delay_ms):.1f} | {delay:.1f} | {np.percentile(ours.delay_ms, 95):.1f} | {added:.1f} | "
+        f"| {transport} | {rate} | {with_view.rate:.1f} | {with_view.dropped} "
+        f"of {len(with_view.numbers) + with_view.dropped} | "
+        f"{np.median(ffmpeg_only.latency_ms):.1f} | {latency:.1f} | "
+        f"{np.percentile(with_view.latency_ms, 95):.1f} | {added:.1f} | "
         f"{added * rate / 1e3:.2f} |"
     )
     print(row, flush=True)
@@ -210,42 +235,48 @@ def row_of(clip: Path, kind: str, rate: int, count: int) -> str:
 
 def main() -> None:
     if sys.argv[1:2] == ["--send"]:
-        clip, url, kind, rate, told = sys.argv[2:]
-        return send(clip, url, kind, int(rate), told)
+        clip, url, transport, rate, times_path = sys.argv[2:]
+        return send(clip, url, transport, int(rate), times_path)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
-    parser.add_argument("--picture", type=Path, help="photograph; a drawn one by default")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--image", type=Path, help="photograph; generated noise by default")
     parser.add_argument("--seconds", type=int, default=8)
     parser.add_argument("--rates", type=int, nargs="*", default=[60, 120])
-    parser.add_argument("--kinds", nargs="*", default=["RTSP", "HTTP", "UDP", "UDP unparsed"])
+    parser.add_argument("--transports", nargs="*", default=["RTSP", "HTTP", "UDP", "UDP unparsed"])
     arguments = parser.parse_args()
-    if arguments.picture:
-        photograph = om.read_image(arguments.picture)
+    if arguments.image:
+        photograph = om.read_image(arguments.image)
     else:
         photograph = cv2.GaussianBlur(
-            np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), np.uint8), (0, 0), 4
+            np.random.default_rng(0).integers(0, 255, (SOURCE_PX, SOURCE_PX, 3), np.uint8),
+            (0, 0),
+            4,
         )
-    photograph = cv2.resize(photograph, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    photograph = cv2.resize(photograph, (SOURCE_PX, SOURCE_PX), interpolation=cv2.INTER_AREA)
     rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for rate in arguments.rates:
             frames = arguments.seconds * rate
             make_clip(folder / "clip.ts", photograph, frames, rate)
-            rows += [row_of(folder / "clip.ts", kind, rate, frames) for kind in arguments.kinds]
+            rows += [
+                table_row(folder / "clip.ts", transport, rate, frames)
+                for transport in arguments.transports
+            ]
     lines = [
-        f"# Live, {SIDE} x {SIDE} to a view of {SIZE[0]} x {SIZE[1]} that moves with every frame",
+        f"# Live, {SOURCE_PX} x {SOURCE_PX} to a view of {VIEW_SIZE[0]} x {VIEW_SIZE[1]} that moves with every frame",
         "",
         f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {backend.name} samplers, "
         f"{backend.threads} threads, PyAV {av.__version__}; "
         f"{arguments.seconds} s per transport, excluding the first second.",
         "",
-        "| transport | sent/s | views/s | dropped | FFmpeg alone, ms | to the view, ms | 95 % | added, ms | frames |",
+        "| transport | sent frames/s | views/s | dropped frames | latency of FFmpeg, ms | latency "
+        "of the view, ms | 95th percentile, ms | added latency, ms | added latency, frames |",
         "|---|---|---|---|---|---|---|---|---|",
         *rows,
     ]
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "live_delay.md", "\n".join(lines) + "\n")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.output / "live_latency.md", "\n".join(lines) + "\n")
     return None
 
 

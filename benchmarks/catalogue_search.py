@@ -3,7 +3,7 @@
 The catalogue is generated from a seed with realistic focal lengths, F-numbers, image circles, pixels and prices. The
 searches are for the ten cheapest feasible combinations and for the Pareto front of price and blur.
 
-    python benchmarks/parts_search.py --processes 2 --out out/benchmarks
+    python benchmarks/catalogue_search.py --processes 2 -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from circumstances import other_load, processor
+from measurement_conditions import load_warning, processor_name
 
 import omnimirror as om
 from omnimirror.base.files import write_text
@@ -56,7 +56,7 @@ def catalogue() -> Catalogue:
     return Catalogue(tuple(map(lens, range(LENSES))), tuple(map(imager, range(IMAGERS))))
 
 
-def asked(blur_deg: float) -> om.Requirements:
+def requirements_for(blur_deg: float) -> om.Requirements:
     """Return requirements for a sphere of 60 mm with a field of 120 deg and a blur limit."""
     return om.Requirements(
         field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=15),
@@ -66,42 +66,44 @@ def asked(blur_deg: float) -> om.Requirements:
             om.Limit("total_blur_deg", at_most=blur_deg),
             om.Limit("resolution_px_per_deg", at_least=4.0),
         ],
-        parts=om.PartsRequirements(max_height_mm=250.0),
+        components=om.PartsRequirements(max_height_mm=250.0),
     )
 
 
-def row(parts: Catalogue, blur_deg: float, what: str, processes: int, **options: Any) -> str:
+def row(components: Catalogue, blur_deg: float, label: str, processes: int, **options: Any) -> str:
     """Measure one search."""
     start = time.perf_counter()
-    found = om.design_from_parts(asked(blur_deg), parts, processes=processes, **options)
+    result = om.design_from_parts(
+        requirements_for(blur_deg), components, processes=processes, **options
+    )
     seconds = time.perf_counter() - start
-    cheapest = f"{found.found[0].price:.0f}" if found.found else ""
-    return f"| {what} | {blur_deg:g} | {seconds:.1f} | {len(found.found)} | {cheapest} |"
+    cheapest = f"{result.found[0].price:.0f}" if result.found else ""
+    return f"| {label} | {blur_deg:g} | {seconds:.1f} | {len(result.found)} | {cheapest} |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
-    load, parts, processes = other_load(), catalogue(), arguments.processes
+    load_note, components, processes = load_warning(), catalogue(), arguments.processes
     rows = [
-        row(parts, 1.2, "ten cheapest combinations", processes, most=10),
-        row(parts, 0.05, "ten cheapest combinations, none feasible", processes, most=10),
-        row(parts, 1.2, "Pareto front of price and blur", processes, front=True),
+        row(components, 1.2, "ten cheapest combinations", processes, most=10),
+        row(components, 0.05, "ten cheapest combinations, none feasible", processes, most=10),
+        row(components, 1.2, "Pareto front of price and blur", processes, front=True),
     ]
     table = "\n".join(
         [
-            f"`parts_search.py` on {processor()}, {os.cpu_count()} cores, {processes} processes, NumPy "
-            f"{np.__version__}; {LENSES} x {IMAGERS} parts.{load}",
+            f"`catalogue_search.py` on {processor_name()}, {os.cpu_count()} cores, {processes} processes, NumPy "
+            f"{np.__version__}; {LENSES} x {IMAGERS} components.{load_note}",
             "",
-            "| requirements | maximum blur, deg | s | found | cheapest |",
+            "| requirements | maximum blur, deg | time, s | combinations | lowest price |",
             "|---|---|---|---|---|",
             *rows,
         ]
     )
     print(table)
-    write_text(arguments.out / "parts_search.md", table + "\n")
+    write_text(arguments.output / "catalogue_search.md", table + "\n")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ results are medians of wall time and processor time. Mitsuba renders the same le
 or its analytic sphere), environment and box filter; only rendering is timed, after a first image. Each variant runs in
 a separate process, because llvm_ad_rgb aborts without LLVM 16 or newer; DRJIT_LIBLLVM_PATH specifies its library.
 
-    python benchmarks/exposure_time.py --out out/benchmarks
+    python benchmarks/rendering_time.py -o out/benchmarks
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from circumstances import circumstances
+from measurement_conditions import describe_conditions
 
 import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
@@ -34,23 +34,23 @@ from omnimirror.simulation.scenes.environment import Environment
 
 PIXELS, RAYS = 1000, 64
 SENSORS = {"sphere": "paper-spherical", "asphere": "paper-equidistant"}
-THEIR_RUNS = 3
-MOST_RAYS = 4096  # rays per pixel of the reference image
+MITSUBA_RUNS = 3
+REFERENCE_RAYS = 4096  # rays per pixel of the reference image
 
 
-def sensor_of(name: str, pixels: int = PIXELS) -> om.Sensor:
+def make_sensor(name: str, pixels: int = PIXELS) -> om.Sensor:
     from tests.simulation.test_mitsuba_images import small
 
     return small(name, pixels, MirrorPose())
 
 
-def timed(function: Callable[[], object]) -> tuple[float, float]:
+def measure_times(function: Callable[[], object]) -> tuple[float, float]:
     wall, cpu = time.perf_counter(), time.process_time()
     function()
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
-def theirs(variant: str, name: str) -> tuple[float, float] | str:
+def time_mitsuba(variant: str, name: str) -> tuple[float, float] | str:
     """Return wall-clock and processor seconds of Mitsuba's rendering, or the reason for its
     failure."""
     command = [sys.executable, __file__, "--mitsuba", variant, name]
@@ -65,28 +65,28 @@ def theirs(variant: str, name: str) -> tuple[float, float] | str:
     return wall, cpu
 
 
-def render_here(variant: str, name: str) -> None:
+def render_with_mitsuba(variant: str, name: str) -> None:
     """Print the seconds of a rendering in this process, after a warm-up."""
     import mitsuba as mi
 
     mi.set_variant(variant)
-    from tests.simulation import test_mitsuba_images as pictures
+    from tests.simulation import test_mitsuba_images as mitsuba_images
 
-    sensor = sensor_of(name)
-    _, light = pictures.maps()
+    sensor = make_sensor(name)
+    _, light = mitsuba_images.maps()
     with tempfile.TemporaryDirectory() as folder:
         if name == "paper-spherical":
-            mirror = pictures.ball(sensor)
+            mirror = mitsuba_images.ball(sensor)
         else:
             path = Path(folder) / "mirror.ply"
             mi.set_variant("scalar_rgb")
-            pictures.meshed(mi, sensor, 500, 500).shapes()[0].write_ply(str(path))
+            mitsuba_images.meshed(mi, sensor, 500, 500).shapes()[0].write_ply(str(path))
             mi.set_variant(variant)
             mirror = {"type": "ply", "filename": str(path)}
-        scene = pictures.scene_of(mi, sensor, mirror, light, RAYS)
+        scene = mitsuba_images.scene_of(mi, sensor, mirror, light, RAYS)
         if variant != "scalar_rgb":  # no compilation
             np.array(mi.render(scene, spp=RAYS, seed=1))
-        print(*timed(lambda: np.array(mi.render(scene, spp=RAYS, seed=2))))
+        print(*measure_times(lambda: np.array(mi.render(scene, spp=RAYS, seed=2))))
 
 
 def medians(times: list[tuple[float, float]]) -> tuple[float, float]:
@@ -94,11 +94,11 @@ def medians(times: list[tuple[float, float]]) -> tuple[float, float]:
     return wall, cpu
 
 
-def error_db(sensor: om.Sensor, world: Environment, rays: int) -> float:
+def error_db(sensor: om.Sensor, environment: Environment, rays: int) -> float:
     """Return the sampling error in sRGB within the mirror image, relative to a reference with more
     rays and another seed."""
-    a = srgb_from_linear(expose(sensor, world, samples=rays, blur=True, seed=1))
-    b = srgb_from_linear(expose(sensor, world, samples=MOST_RAYS, blur=True, seed=2))
+    a = srgb_from_linear(expose(sensor, environment, samples=rays, blur=True, seed=1))
+    b = srgb_from_linear(expose(sensor, environment, samples=REFERENCE_RAYS, blur=True, seed=2))
     rows, columns = np.mgrid[: len(a), : len(a)]
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
     inside = sensor.backproject(pixels).valid.reshape(a.shape[:2])
@@ -107,54 +107,59 @@ def error_db(sensor: om.Sensor, world: Environment, rays: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--runs", type=int, default=7)
     parser.add_argument("--mitsuba", nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.mitsuba:
-        render_here(*arguments.mitsuba)
+        render_with_mitsuba(*arguments.mitsuba)
         return
     from tests.simulation.test_mitsuba_images import maps
 
-    world = Environment(maps()[0])
+    environment = Environment(maps()[0])
     lines = [
-        "# A picture through the whole aperture",
+        "# Rendering through the aperture",
         "",
         f"{PIXELS} x {PIXELS} px, {RAYS} rays per pixel for all programs, environment map. "
-        f"{circumstances(arguments.runs)}",
+        f"{describe_conditions(arguments.runs)}",
         "",
-        "| mirror | program | wall, s | processor, s | speed-up, wall | speed-up, processor | sampling error |",
+        "| mirror | program | wall time, s | CPU time, s | speed-up, wall time | speed-up, CPU time | sampling error |",
         "|---|---|---|---|---|---|---|",
     ]
     for label, name in SENSORS.items():
-        sensor = sensor_of(name)
-        expose(sensor, world, samples=1, blur=True)
-        ours: list[tuple[float, float]] = []
-        chief: list[tuple[float, float]] = []
+        sensor = make_sensor(name)
+        expose(sensor, environment, samples=1, blur=True)
+        aperture_times: list[tuple[float, float]] = []
+        chief_ray_times: list[tuple[float, float]] = []
         rendered: dict[str, list[tuple[float, float] | str]] = {"llvm_ad_rgb": [], "scalar_rgb": []}
         for run in range(arguments.runs):
-            ours.append(timed(lambda s=sensor: expose(s, world, samples=RAYS, blur=True)))
-            chief.append(timed(lambda s=sensor: expose(s, world, samples=1)))
-            for variant, found in rendered.items():
-                if run < THEIR_RUNS and not any(isinstance(f, str) for f in found):
-                    found.append(theirs(variant, name))
-        wall, cpu = medians(ours)
-        decibels = error_db(sensor_of(name, 500), world, RAYS)
-        lines.append(f"| {label} | omnimirror | {wall:.2f} | {cpu:.2f} | | | {decibels:.1f} dB |")
-        for variant, found in rendered.items():
-            numbers = [f for f in found if not isinstance(f, str)]
-            if not numbers:
-                lines.append(f"| {label} | Mitsuba {variant} | {found[-1]} | | | | |")
-                continue
-            w, c = medians(numbers)
-            lines.append(
-                f"| {label} | Mitsuba {variant} | {w:.1f} | {c:.1f} | {w / wall:.0f} | {c / cpu:.0f} | |"
+            aperture_times.append(
+                measure_times(lambda s=sensor: expose(s, environment, samples=RAYS, blur=True))
             )
-        wall, cpu = medians(chief)
+            chief_ray_times.append(
+                measure_times(lambda s=sensor: expose(s, environment, samples=1))
+            )
+            for variant, results in rendered.items():
+                if run < MITSUBA_RUNS and not any(isinstance(f, str) for f in results):
+                    results.append(time_mitsuba(variant, name))
+        wall, cpu = medians(aperture_times)
+        decibels = error_db(make_sensor(name, 500), environment, RAYS)
+        lines.append(f"| {label} | omnimirror | {wall:.2f} | {cpu:.2f} | | | {decibels:.1f} dB |")
+        for variant, results in rendered.items():
+            numbers = [f for f in results if not isinstance(f, str)]
+            if not numbers:
+                lines.append(f"| {label} | Mitsuba {variant} | {results[-1]} | | | | |")
+                continue
+            mitsuba_wall, mitsuba_cpu = medians(numbers)
+            lines.append(
+                f"| {label} | Mitsuba {variant} | {mitsuba_wall:.1f} | {mitsuba_cpu:.1f} "
+                f"| {mitsuba_wall / wall:.0f} | {mitsuba_cpu / cpu:.0f} | |"
+            )
+        wall, cpu = medians(chief_ray_times)
         lines.append(f"| {label} | omnimirror, chief rays | {wall:.3f} | {cpu:.3f} | | | |")
         print("\n".join(lines[-4:]), flush=True)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_text(arguments.out / "exposure_time.md", "\n".join(lines) + "\n")
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    write_text(arguments.output / "rendering_time.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":
