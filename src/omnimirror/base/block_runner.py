@@ -30,7 +30,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from . import interrupts
 from .errors import InvalidParameter, OmnimirrorError, extra_remedy
 from .native import backend, usable_cores
-from .worker_processes import ProcessExecutor, WorkerDied
+from .worker_processes import WorkerDied, WorkerPool
 
 AHEAD = 3
 """Maximum number of submitted blocks per worker, including the running one."""
@@ -327,7 +327,7 @@ def workers_in_threads(count: int | None = None) -> Iterator[BlockWorkers]:
 def workers_in_processes(count: int | None = None) -> Iterator[BlockWorkers]:
     """Use worker processes with one thread each; by default one per core."""
     count = count or usable_cores()
-    yield from _closing(BlockWorkers(ProcessExecutor(count), count))
+    yield from _closing(BlockWorkers(WorkerPool(count), count))
 
 
 @contextmanager
