@@ -154,9 +154,9 @@ class WorkerPool(Executor):
         finally:
             if numbers:  # interrupted: discard the calls of the workers
                 with postponed():
-                    for future in list(numbers):
-                        if future is not None and future.cancel():
-                            del numbers[future]
+                    for own in list(numbers):
+                        if own is not None and own.cancel():
+                            del numbers[own]
                     if numbers:
                         self._kill()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -468,7 +468,7 @@ def write_training_dataset(
             f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder"
         )
 
-    def samples_in_order() -> Iterator[tuple[str, dict[str, bytes]]]:
+    def samples_in_order() -> Generator[tuple[str, dict[str, bytes]], None, None]:
         frames = (Job(f"frame {n}", partial(dataset.files, n), n) for n in range(count))
         for number, files in _in_order(frames, workers):
             yield f"{number:06d}", files
@@ -490,7 +490,7 @@ def write_training_dataset(
     return shards
 
 
-def _in_order(frames: Iterable[Job], workers: int) -> Iterator[tuple[int, Any]]:
+def _in_order(frames: Iterable[Job], workers: int) -> Generator[tuple[int, Any], None, None]:
     """Yield number and result of each frame in their order, from threads."""
     with (
         workers_in_threads(workers) as threads,
