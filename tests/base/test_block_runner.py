@@ -136,6 +136,34 @@ def test_few_blocks_are_taken_ahead():
         assert len(list(outcomes)) == 49
 
 
+def test_outcomes_in_order_keep_few_blocks():
+    taken, gate = [], threading.Event()
+
+    @dataclass(frozen=True)
+    class Waiting:
+        number: int
+        name: str = ""
+
+        def run(self):
+            if not self.number:
+                gate.wait(300)
+            return self.number
+
+    def source():
+        for number in range(40):
+            taken.append(number)
+            yield Waiting(number)
+
+    with workers_in_threads(2) as workers:
+        outcomes = run_blocks(source(), workers, is_in_order=True)
+        opening = threading.Timer(3 * block_runner.interrupts.POLL_S, gate.set)
+        opening.start()
+        results = [next(outcomes).value()]
+        assert len(taken) <= 2 * AHEAD + 1  # the others waited for the first one
+        results += [outcome.value() for outcome in outcomes]
+    assert results == list(range(40))
+
+
 def test_closed_run_stops_blocks_in_threads():
     started, stopped = threading.Event(), []
 

@@ -14,7 +14,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base import worker_processes
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.base.worker_processes import WorkerPool
+from omnimirror.base.worker_processes import UnsentCall, WorkerDied, WorkerPool
 from omnimirror.calibration.targets import board_detection
 
 
@@ -48,12 +48,12 @@ def dying_once(number: int, path: str) -> int:
 
 def test_results_are_returned_in_order():
     with WorkerPool() as spread:
-        found = spread.map(where, [(i, 0.3) for i in range(12)])
+        found = spread.starmap(where, [(i, 0.3) for i in range(12)])
         assert [number for number, _ in found] == list(range(12))
         processes = {process for _, process in found}
         assert len(processes) > 1
         assert os.getpid() in processes
-        refit = spread.map(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
+        refit = spread.starmap(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
         assert {process for _, process in refit} <= processes
     for process in processes - {os.getpid()}:
         with pytest.raises(ProcessLookupError, match="No such process"):
@@ -63,26 +63,54 @@ def test_results_are_returned_in_order():
 def test_arrays_are_the_same_to_the_bit():
     values = [(np.random.default_rng(i).normal(size=(50, 50)),) for i in range(6)]
     with WorkerPool() as spread:
-        for found, (given,) in zip(spread.map(np.linalg.inv, values), values, strict=True):
+        for found, (given,) in zip(spread.starmap(np.linalg.inv, values), values, strict=True):
             assert (found == np.linalg.inv(given)).all()
 
 
 def test_first_exception_is_raised():
     with WorkerPool() as spread, pytest.raises(InvalidParameter, match=r"^[25] is not valid$"):
-        spread.map(refusing, [(i,) for i in range(6)])
+        spread.starmap(refusing, [(i,) for i in range(6)])
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there are no signals that kill here")
 def test_dead_worker_leaves_no_job_undone(tmp_path):
     with WorkerPool() as spread:
-        found = spread.map(dying_once, [(os.getpid(), str(tmp_path / "died"))] * 40)
+        found = spread.starmap(dying_once, [(os.getpid(), str(tmp_path / "died"))] * 40)
     assert len(found) == 40
     assert None not in found
 
 
 def test_unpicklable_jobs_run_in_parent():
     with WorkerPool() as spread:
-        assert spread.map(lambda a: a + 1, [(1,), (2,), (3,)]) == [2, 3, 4]
+        assert spread.starmap(lambda a: a + 1, [(1,), (2,), (3,)]) == [2, 3, 4]
+
+
+def test_calls_fail_with_their_process_or_are_not_sent(tmp_path):
+    with WorkerPool(1) as pool:
+        assert pool.submit(divmod, 7, 2).result() == (3, 1)
+        with pytest.raises(UnsentCall, match=r"cannot send a call to a worker process: .*pickle"):
+            pool.submit(divmod, 7, lambda: 2).result()
+        first, second = (
+            pool.submit(dying_once, os.getpid(), str(tmp_path / "died")) for _ in range(2)
+        )
+        with pytest.raises(WorkerDied, match="a worker process was killed"):
+            first.result()
+        assert second.result() == 1  # on a new process
+
+
+def test_exception_terminates_running_calls():
+    started, calls = time.monotonic(), []
+
+    def interrupted():
+        with WorkerPool(2) as pool:
+            calls.extend(pool.submit(where, n, 300.0) for n in range(3))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert time.monotonic() - started < 100
+    assert calls[2].cancelled()
+    assert all(isinstance(call.exception(), WorkerDied) for call in calls[:2])
 
 
 def test_interrupted_run_leaves_no_results():
@@ -91,7 +119,7 @@ def test_interrupted_run_leaves_no_results():
             assert number >= 0
             break
         assert [
-            number for number, _ in spread.map(where, [(i + 10, 0.0) for i in range(6)])
+            number for number, _ in spread.starmap(where, [(i + 10, 0.0) for i in range(6)])
         ] == list(range(10, 16))
 
 
@@ -101,8 +129,8 @@ def test_parent_runs_all_jobs_without_workers(monkeypatch):
 
     monkeypatch.setattr(subprocess, "Popen", none)
     with WorkerPool() as spread:
-        assert spread.map(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
-    assert WorkerPool().map(divmod, []) == []
+        assert spread.starmap(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
+    assert WorkerPool().starmap(divmod, []) == []
 
 
 def chessboards(count: int) -> list[np.ndarray]:
@@ -161,7 +189,7 @@ def test_unguarded_script_can_use_workers(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import omnimirror.base.worker_processes as h\nh.usable_cores = lambda: 2\n"
-        "with h.WorkerPool() as spread:\n    print(spread.map(divmod, [(7, 2), (9, 4)]))\n"
+        "with h.WorkerPool() as spread:\n    print(spread.starmap(divmod, [(7, 2), (9, 4)]))\n"
     )
     run = subprocess.run([sys.executable, script], capture_output=True, text=True)
     assert (run.stdout, run.stderr, run.returncode) == ("[(3, 1), (2, 1)]\n", "", 0)

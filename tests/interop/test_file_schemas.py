@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 import tomllib
 from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
 from typing import Any
 
 import jsonschema_rs
@@ -16,6 +19,7 @@ import omnimirror as om
 from omnimirror.base import project
 from omnimirror.base.errors import SpecError
 from omnimirror.design import parse_requirements
+from omnimirror.interop.batch.job import parse_job
 from omnimirror.interop.file_schemas import KINDS
 from omnimirror.manufacturing.tolerancing.tolerance_file import TOLERANCE_ENTRIES, parse_tolerances
 from omnimirror.optics.image_sensor import Imager
@@ -63,15 +67,37 @@ view = "ground"
 height_mm = 1200
 """
 
+BATCH_JOB = """
+[inputs]
+files = ["raw/*.png"]
+time = "%Y%m%d"
+[[sensor]]
+file = "paper-spherical"
+since = 2024-03-01
+until = 2025-03-01T12:00:00Z
+[view.north]
+size = [64, 48]
+[output]
+url = "views"
+[execution]
+retries = 2
+[storage]
+client_kwargs = {endpoint_url = "http://127.0.0.1:9000"}
+"""
+
 
 def problems(kind: str, data: dict[str, Any]) -> list[str]:
     """Return the violations of the schema of a kind."""
-    validator = jsonschema_rs.validator_for(finite(om.schema(kind)))
+    validator = jsonschema_rs.validator_for(finite(om.schema(kind)), validate_formats=True)
     return [error.message for error in validator.iter_errors(finite(data))]
 
 
 def finite(value: Any) -> Any:
-    """Replace infinity, which TOML contains and JSON does not, by a large number."""
+    """Replace infinity and dates, which TOML contains and JSON does not, by a large number and
+    text.
+    """
+    if isinstance(value, date):
+        return value.isoformat()
     if isinstance(value, dict):
         return {name: finite(v) for name, v in value.items()}
     if isinstance(value, list | tuple):
@@ -129,6 +155,14 @@ def test_camera_files_conform(name):
     assert problems("camera", data) == []
     assert problems("camera", changed(data, "camera.radius", 1.0))
     assert problems("camera", changed(data, "camera.image_size", [640]))
+
+
+def test_documented_batch_jobs_conform():
+    page = (Path(__file__).parents[2] / "docs" / "batch.md").read_text(encoding="utf-8")
+    jobs = [tomllib.loads(block) for block in re.findall(r"^```toml\n(.*?)^```", page, re.M | re.S)]
+    assert len(jobs) == 4
+    for job in jobs:
+        assert problems("batch", job) == []
 
 
 def test_templates_conform_and_link_their_schema(monkeypatch):
@@ -218,12 +252,31 @@ INVALID_VIEWS = {
 }
 
 
+INVALID_BATCH_JOBS = {
+    "inputs.flies": ["*.png"],
+    "inputs.identity": "checksum",
+    "inputs": None,
+    "sensor.0.since": "yesterday",
+    "sensor.0.file": None,
+    "sensor": None,
+    "view.north.pan": 3.0,
+    "view.north.view": "postcard",
+    "output.kind": "tape",
+    "output.url": None,
+    "output.per_shard": 0,
+    "execution.retries": 99,
+    "cache": {},
+}
+
+
 def _read(kind: str, data: dict[str, Any], folder: Any) -> Any:
     text = tomli_w.dumps(data)
     if kind == "sensor":
         return parse_sensor(text)
     if kind == "requirements":
         return parse_requirements(text)
+    if kind == "batch":
+        return parse_job(text)
     if kind == "tolerances":
         return parse_tolerances(text, om.load_sensor("paper-spherical"))
     (folder / "views.toml").write_text(text)
@@ -238,6 +291,7 @@ def valid_files() -> dict[str, dict[str, Any]]:
         "requirements": tomllib.loads(REQUIREMENTS),
         "tolerances": tomllib.loads(om.tolerance_template(sensor)),
         "views": tomllib.loads(VIEWS),
+        "batch": tomllib.loads(BATCH_JOB),
     }
 
 
@@ -246,6 +300,7 @@ INVALID = {
     "requirements": INVALID_REQUIREMENTS,
     "tolerances": INVALID_TOLERANCES,
     "views": INVALID_VIEWS,
+    "batch": INVALID_BATCH_JOBS,
 }
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import io
 import json
+import signal
 import tarfile
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base import interrupts
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.optics.housing import CameraBody, Housing
@@ -174,6 +177,7 @@ def test_shards_are_complete_and_reproducible(tmp_path):
     tiny = replace(
         SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
     )
+    counts = []
     made = [
         om.write_training_dataset(
             tiny,
@@ -183,9 +187,12 @@ def test_shards_are_complete_and_reproducible(tmp_path):
             bodies=(CART,),
             samples=1,
             per_shard=2,
+            workers=workers,
+            on_progress=lambda *count: counts.append(count),
         )
-        for name in ("a", "b")
+        for name, workers in (("a", 1), ("b", 2))
     ]
+    assert counts == 2 * [(1, 3), (2, 3), (3, 3)]
     assert [p.read_bytes() for p in made[0]] == [p.read_bytes() for p in made[1]]
     names, samples = [], {}
     for shard in made[0]:
@@ -205,6 +212,36 @@ def test_shards_are_complete_and_reproducible(tmp_path):
     assert f"| {ON_CART} | cart |" in card
     with pytest.raises(InvalidParameter, match="folder must not contain a dataset"):
         om.write_training_dataset(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
+
+
+@pytest.mark.parametrize("is_deferred", [False, True])
+def test_interrupted_dataset_contains_complete_shards(tmp_path, is_deferred):
+    def interrupt(done, _):
+        if done == 3:
+            signal.raise_signal(signal.SIGINT)
+
+    def write(folder, on_progress=None):
+        with interrupts.deferred() if is_deferred else nullcontext():
+            return om.write_training_dataset(
+                om.Unified(
+                    xi=0.9, focal_px=(20.0, 20.0), centre_px=(15.5, 15.5), image_size=(32, 32)
+                ),
+                om.Room(texel_mm=40.0),
+                path=Keyframes({"x_mm": ((0.0, 0.0), (1.2, 100.0))}),
+                folder=folder,
+                samples=1,
+                per_shard=2,
+                workers=2,
+                on_progress=on_progress,
+            )
+
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "stopped", interrupt)
+    shards = sorted((tmp_path / "stopped").iterdir())
+    assert 1 <= len(shards) < 8  # without temporary files and card
+    for shard, whole in zip(shards, write(tmp_path / "whole"), strict=False):
+        assert shard.name == whole.name
+        assert shard.read_bytes() == whole.read_bytes()
 
 
 def test_sky_flow():

@@ -12,7 +12,8 @@ import logging
 import pickle
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     CancelledError,
@@ -30,7 +31,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from . import interrupts
 from .errors import InvalidParameter, OmnimirrorError, extra_remedy
 from .native import backend, usable_cores
-from .worker_processes import ProcessExecutor, WorkerDied
+from .worker_processes import WorkerDied, WorkerPool
 
 AHEAD = 3
 """Maximum number of submitted blocks per worker, including the running one."""
@@ -327,7 +328,7 @@ def workers_in_threads(count: int | None = None) -> Iterator[BlockWorkers]:
 def workers_in_processes(count: int | None = None) -> Iterator[BlockWorkers]:
     """Use worker processes with one thread each; by default one per core."""
     count = count or usable_cores()
-    yield from _closing(BlockWorkers(ProcessExecutor(count), count))
+    yield from _closing(BlockWorkers(WorkerPool(count), count))
 
 
 @contextmanager
@@ -380,8 +381,12 @@ def _closing(workers: BlockWorkers) -> Iterator[BlockWorkers]:
 
 
 def run_blocks(
-    blocks: Iterable[B], workers: BlockWorkers, retries: Retries = ONCE
-) -> Iterator[Outcome[B]]:
+    blocks: Iterable[B],
+    workers: BlockWorkers,
+    retries: Retries = ONCE,
+    *,
+    is_in_order: bool = False,
+) -> Generator[Outcome[B], None, None]:
     """Yield the outcome of each block, in order of completion.
 
     At most :data:`AHEAD` blocks per worker are submitted at a time. After Ctrl-C or SIGTERM no
@@ -397,6 +402,9 @@ def run_blocks(
         :func:`workers_on_cluster`.
     retries
         Repetition of blocks after transient errors.
+    is_in_order
+        Yield the outcomes in the order of the blocks; outcomes that are kept until then count as
+        submitted blocks, which bounds the memory.
 
     Raises
     ------
@@ -414,16 +422,30 @@ def run_blocks(
     [0, 1, 4, 9]
     """
     with interrupts.postponed():
-        yield from _Run(iter(blocks), workers, retries).outcomes()
+        run = _Run(iter(blocks), workers, retries, deque() if is_in_order else None)
+        yield from run.outcomes() if run.order is None else run.outcomes_in_order(run.order)
 
 
 class _Run(Generic[B]):
     """Submitted and delayed blocks of a run."""
 
-    def __init__(self, blocks: Iterator[B], workers: BlockWorkers, retries: Retries) -> None:
-        self.blocks, self.workers, self.retries = blocks, workers, retries
+    def __init__(
+        self,
+        blocks: Iterator[B],
+        workers: BlockWorkers,
+        retries: Retries,
+        order: deque[int] | None,
+    ) -> None:
+        self.blocks, self.workers, self.retries, self.order = blocks, workers, retries, order
         self.submitted: dict[Future[Any], tuple[B, int]] = {}
         self.delayed: list[tuple[float, B, int]] = []
+        self.kept: dict[int, Outcome[B]] = {}
+
+    def outcomes_in_order(self, order: deque[int]) -> Iterator[Outcome[B]]:
+        for outcome in self.outcomes():
+            self.kept[outcome.block.number] = outcome
+            while order and order[0] in self.kept:
+                yield self.kept.pop(order.popleft())
 
     def outcomes(self) -> Iterator[Outcome[B]]:
         self._fill()
@@ -460,8 +482,11 @@ class _Run(Generic[B]):
         self.delayed = [entry for entry in self.delayed if entry[0] > now]
         for _, block, attempts in due:
             self._submit(block, attempts)
-        free = 0 if interrupts.is_pending() else limit - len(self.submitted) - len(self.delayed)
+        used = len(self.submitted) + len(self.delayed) + len(self.kept)
+        free = 0 if interrupts.is_pending() else limit - used
         for block in islice(self.blocks, max(free, 0)):
+            if self.order is not None:
+                self.order.append(block.number)
             self._submit(block, 1)
 
     def _submit(self, block: B, attempts: int) -> None:

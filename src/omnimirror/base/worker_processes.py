@@ -11,21 +11,19 @@ import os
 import pickle
 import subprocess
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 from queue import SimpleQueue
-from threading import Lock, Thread, local
-from typing import IO, Any, Generic, Self, TypeVar
+from threading import Lock
+from typing import IO, Any, TypeVar
 
 from .errors import OmnimirrorError
 from .interrupts import postponed
 from .native import usable_cores
 
 T = TypeVar("T")
-MAX_PROCESSES = 8  # default; each requires about 100 MB
+MAX_PROCESSES = 8  # default including this process; each requires about 100 MB
 
 
 def start_process(
@@ -50,43 +48,64 @@ def terminate_process(process: subprocess.Popen[bytes]) -> None:
             stream.close()  # type: ignore[union-attr]
 
 
-class WorkerPool:
-    """Pool of worker processes, started on demand; this process also computes.
+class WorkerDied(OmnimirrorError):
+    """Error of a call whose worker process was killed."""
+
+
+class UnsentCall(OmnimirrorError):
+    """Error of a call that cannot be sent to a worker process."""
+
+
+class WorkerPool(Executor):
+    """Executor with worker processes, which are started on demand and replaced when killed.
 
     Parameters
     ----------
     processes
-        Number of processes including this one; by default the number of available cores, at most 8.
+        Number of worker processes; by default one per available core besides this process, at most
+        7. Without worker processes, :meth:`each` and :meth:`starmap` compute in this process.
 
     Examples
     --------
-    >>> with WorkerPool() as spread:
-    ...     spread.map(divmod, [(7, 2), (9, 4)])
+    >>> with WorkerPool() as pool:
+    ...     pool.starmap(divmod, [(7, 2), (9, 4)])
     [(3, 1), (2, 1)]
+    >>> with WorkerPool(1) as pool:
+    ...     pool.submit(divmod, 7, 2).result()
+    (3, 1)
     """
 
     def __init__(self, processes: int | None = None) -> None:
-        self._processes = processes or min(usable_cores(), MAX_PROCESSES)
+        if processes is None:
+            processes = min(usable_cores(), MAX_PROCESSES) - 1
+        self._processes = processes
+        self._threads = ThreadPoolExecutor(max(processes, 1), thread_name_prefix="worker-process")
+        self._lock = Lock()
         self._workers: list[subprocess.Popen[bytes]] = []
+        self._idle: list[subprocess.Popen[bytes]] = []
+        self._is_cancelled = False
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._terminate()
-
-    def _terminate(self) -> None:
-        """Terminate all workers."""
-        for worker in self._workers:
-            terminate_process(worker)
-        self._workers = []
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        self.shutdown(cancel_futures=error is not None)
 
     def begin(self) -> None:
-        """Start workers in advance, while this process continues."""
-        self._running_workers(self._processes - 1)
+        """Start worker processes in advance, while this process continues."""
+        with suppress(OSError), postponed(), self._lock:  # process limit: continue without
+            for _ in range(self._processes - len(self._workers)):
+                self._idle.append(self._start())
 
-    def map(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
-        """Apply a module-level function to each set of arguments and return the results in order.
+    def submit(  # type: ignore[override]
+        self, function: Callable[..., T], /, *args: Any
+    ) -> Future[T]:
+        """Queue a call of a module-level function.
+
+        The future raises the exception of the function, :class:`WorkerDied` if the process was
+        killed, or :class:`UnsentCall` for arguments that cannot be sent.
+        """
+        return self._threads.submit(self._call, function, args)
+
+    def starmap(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]) -> list[T]:
+        """Apply a function to each set of arguments and return the results in order.
 
         Raises
         ------
@@ -101,187 +120,148 @@ class WorkerPool:
     def each(
         self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, T]]:
-        """Yield each result with its index, in order of completion."""
-        pending, done = deque(enumerate(jobs)), SimpleQueue[_Result[T]]()
-        for worker in self._running_workers(min(len(jobs), self._processes) - 1):
-            Thread(
-                target=_process_jobs, args=(worker, function, pending, done), daemon=True
-            ).start()
-        remaining = len(jobs)
-        try:
-            while remaining:
-                try:
-                    number, job = pending.popleft()
-                except IndexError:  # the last jobs are with the workers
-                    finished = [done.get()]
-                else:
-                    finished = [_Result(number, function(*job))]
-                while not done.empty():
-                    finished.append(done.get())
-                for result in finished:
-                    if result.failure is not None:
-                        raise result.failure
-                    if result.number is not None:
-                        remaining -= 1
-                        yield result.number, result.found  # type: ignore[misc]
-        finally:
-            pending.clear()
-            if remaining:  # interrupted: discard the jobs of the workers
-                self._terminate()
+        """Yield each result with its index, in order of completion.
 
-    def _running_workers(self, count: int) -> list[subprocess.Popen[bytes]]:
-        """Return up to ``count`` running workers."""
-        self._workers = [worker for worker in self._workers if worker.poll() is None]
-        with suppress(OSError):  # process limit reached or no interpreter: continue without
-            while len(self._workers) < count and sys.executable:
-                with postponed():
-                    self._workers.append(_start_worker())
-        return self._workers[: max(count, 0)]
-
-
-class WorkerDied(OmnimirrorError):
-    """Error of a call whose worker process was killed."""
-
-
-class ProcessExecutor(Executor):
-    """Executor with worker processes; a killed process fails only its call and is replaced.
-
-    Parameters
-    ----------
-    processes
-        Number of processes.
-
-    Examples
-    --------
-    >>> with ProcessExecutor(1) as executor:
-    ...     executor.submit(divmod, 7, 2).result()
-    (3, 1)
-    """
-
-    def __init__(self, processes: int) -> None:
-        self._threads = ThreadPoolExecutor(processes, thread_name_prefix="worker-process")
-        self._own, self._lock = local(), Lock()
-        self._workers: list[subprocess.Popen[bytes]] = []
-        self._is_cancelled = False
-
-    def submit(  # type: ignore[override]
-        self, function: Callable[..., T], /, *args: Any
-    ) -> Future[T]:
-        """Queue a call of a module-level function.
-
-        The future raises the exception of the function, :class:`WorkerDied` if the process was
-        killed, or the error of pickle for arguments that cannot be sent.
+        This process also computes, including calls that cannot be sent and those of killed
+        processes.
         """
-        return self._threads.submit(self._call, function, args)
+        done: SimpleQueue[Future[T]] = SimpleQueue()
+        numbers: dict[Future[T] | None, int] = {}
+        futures: list[Future[T] | None] = [None] * len(jobs)
 
-    def _call(self, function: Callable[..., T], args: tuple[Any, ...]) -> T:
+        def finished() -> Iterator[tuple[int, T]]:
+            future = done.get()
+            number = numbers.pop(future, None)
+            if number is not None:
+                yield number, _result(future, function, jobs[number])
+
         try:
-            result: T = _compute(self._worker(), function, args)
-        except _WorkerFailure as e:
-            if isinstance(e.__cause__, OSError | EOFError | ValueError):
-                raise WorkerDied("a worker process was killed; repeat the command") from None
-            raise e.__cause__ or e from None
-        return result
-
-    def _worker(self) -> subprocess.Popen[bytes]:
-        """Return the process of the current thread, which is started on demand."""
-        worker: subprocess.Popen[bytes] | None = getattr(self._own, "worker", None)
-        if worker is None or worker.poll() is not None:
-            with self._lock:
-                if self._is_cancelled:
-                    raise WorkerDied("the workers were terminated; repeat the command")
-                if worker is not None:
-                    self._workers.remove(worker)
-                    terminate_process(worker)
-                worker = self._own.worker = _start_worker()
-                self._workers.append(worker)
-        return worker
+            # Signals are postponed while locks of the futures are held. The first call is kept, so
+            # that a single one requires no worker.
+            with postponed():
+                for number in range(1, len(jobs)) if self._processes else ():
+                    future = futures[number] = self.submit(function, *jobs[number])
+                    numbers[future] = number
+                    future.add_done_callback(done.put)
+            for number, own in enumerate(futures):
+                if own is None or _cancel(own):
+                    numbers.pop(own, None)
+                    yield number, function(*jobs[number])
+                while not done.empty():
+                    yield from finished()
+            while numbers:
+                yield from finished()
+        finally:
+            if numbers:  # interrupted: discard the calls of the workers
+                with postponed():
+                    for own in list(numbers):
+                        if own is not None and own.cancel():
+                            del numbers[own]
+                    if numbers:
+                        self._kill()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Terminate the processes, with ``cancel_futures`` during their calls."""
         if cancel_futures:
             self._threads.shutdown(wait=False, cancel_futures=True)
-            with self._lock:
-                self._is_cancelled = True
-                for worker in self._workers:
-                    worker.kill()
+            self._is_cancelled = True
+            self._kill()
         self._threads.shutdown(wait=wait)
         with self._lock:
             for worker in self._workers:
                 terminate_process(worker)
             self._workers = []
 
+    def _call(self, function: Callable[..., T], args: tuple[Any, ...]) -> T:
+        try:
+            message = pickle.dumps((function, args))
+        except Exception as e:  # for example, a class without a module-level name
+            raise UnsentCall(f"cannot send a call to a worker process: {e}") from None
+        worker = self._take()
+        try:
+            answer = _exchange(worker, message)
+        except (OSError, EOFError, ValueError):  # ValueError: its pipe was closed
+            with self._lock:
+                self._remove(worker)
+            raise WorkerDied("a worker process was killed; repeat the command") from None
+        with self._lock:
+            self._idle.append(worker)
+        result, failure = pickle.loads(answer)
+        if failure is not None:
+            raise failure
+        return result  # type: ignore[no-any-return]
 
-@dataclass(frozen=True)
-class _Result(Generic[T]):
-    """Result of a job."""
+    def _take(self) -> subprocess.Popen[bytes]:
+        """Return an idle process, which is started on demand."""
+        with self._lock:
+            while self._idle:
+                worker = self._idle.pop()
+                if worker.poll() is None:
+                    return worker
+                self._remove(worker)
+            return self._start()
 
-    number: int | None = None
-    """None: a worker died, and its jobs may be pending."""
-    found: T | None = None
-    failure: Exception | None = None
+    def _start(self) -> subprocess.Popen[bytes]:
+        if self._is_cancelled:
+            raise WorkerDied("the workers were terminated; repeat the command")
+        worker = _start_worker()
+        self._workers.append(worker)
+        return worker
+
+    def _remove(self, worker: subprocess.Popen[bytes]) -> None:
+        if worker in self._workers:
+            self._workers.remove(worker)
+            terminate_process(worker)
+
+    def _kill(self) -> None:
+        """Kill all processes, which fails their calls."""
+        with self._lock:
+            for worker in self._workers:
+                worker.kill()
 
 
-class _WorkerFailure(Exception):
-    """Failure of a worker process."""
+def _cancel(future: Future[Any]) -> bool:
+    with postponed():
+        return future.cancel()
 
 
-def _process_jobs(
-    worker: subprocess.Popen[bytes],
-    function: Callable[..., T],
-    pending: deque[tuple[int, Any]],
-    done: SimpleQueue[_Result[T]],
-) -> None:
-    """Process jobs with a worker until none is pending.
+def _result(future: Future[T], function: Callable[..., T], job: tuple[Any, ...]) -> T:
+    """Return the result of a finished call, or compute it if no worker did.
 
-    The job of a dead worker returns to the queue.
+    An OSError occurs at the process limit; one of the function itself is raised again.
     """
-    while True:
-        try:
-            number, job = pending.popleft()
-        except IndexError:
-            return
-        try:
-            done.put(_Result(number, _compute(worker, function, job)))
-        except _WorkerFailure:
-            pending.appendleft((number, job))
-            return done.put(_Result())
-        except Exception as e:
-            return done.put(_Result(failure=e))
+    if isinstance(future.exception(), WorkerDied | UnsentCall | OSError):
+        return function(*job)
+    return future.result()
 
 
 def _start_worker() -> subprocess.Popen[bytes]:
     """Start a worker with the same module search path and one thread."""
     one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    if not sys.executable:
+        raise OSError("the path of the Python interpreter is unknown")
     search_path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     return start_process(__name__, search_path | one_thread)
 
 
-def _compute(
-    worker: subprocess.Popen[bytes], function: Callable[..., Any], job: tuple[Any, ...]
-) -> Any:
+def _exchange(worker: subprocess.Popen[bytes], message: bytes) -> bytes:
+    """Send a call to a worker and return the pickled pair of its result and exception."""
     assert worker.stdin is not None
     assert worker.stdout is not None
-    try:
-        message = pickle.dumps((function, job))
-    except Exception as e:  # for example, a class without a module-level name
-        raise _WorkerFailure from e
-    try:
-        worker.stdin.write(len(message).to_bytes(8, "little") + message)
-        worker.stdin.flush()
-        result, failure = pickle.loads(_message(worker.stdout))
-    except (OSError, EOFError, ValueError) as e:  # ValueError: its pipe was closed
-        raise _WorkerFailure from e
-    if failure is not None:
-        raise failure
-    return result
+    worker.stdin.write(len(message).to_bytes(8, "little") + message)
+    worker.stdin.flush()
+    return _message(worker.stdout)
 
 
 def _message(stream: IO[bytes]) -> bytes:
     head = stream.read(8)
     if len(head) < 8:
         raise EOFError
-    return stream.read(int.from_bytes(head, "little"))
+    size = int.from_bytes(head, "little")
+    message = stream.read(size)
+    if len(message) < size:
+        raise EOFError
+    return message
 
 
 def _serve() -> None:

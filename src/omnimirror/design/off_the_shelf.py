@@ -438,10 +438,10 @@ def _designed(
         for combination in combinations:
             yield design_combination(requirements, combination, tally.max_area_deg2)
         return
-    with WorkerPool(processes) as pool:
+    with WorkerPool(processes - 1) as pool:
         for first in range(0, len(combinations), BLOCK * processes):
             block, limit = combinations[first : first + BLOCK * processes], tally.max_area_deg2
-            yield from pool.map(design_combination, [(requirements, c, limit) for c in block])
+            yield from pool.starmap(design_combination, [(requirements, c, limit) for c in block])
 
 
 @dataclass

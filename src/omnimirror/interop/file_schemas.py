@@ -47,6 +47,7 @@ from ..optics.sensor_files import (
 )
 from ..optics.thermal import Thermal
 from ..optics.toml_validation import MountTable, Table, table_model
+from .batch import job
 from .named_views import MAX_VIEWS, NAME, STEERABLE_KIND, options_model
 
 Schema: TypeAlias = dict[str, Any]
@@ -65,7 +66,7 @@ def schema(kind: str) -> Schema:
     Parameters
     ----------
     kind
-        ``"sensor"``, ``"camera"``, ``"requirements"``, ``"tolerances"`` or ``"views"``.
+        ``"sensor"``, ``"camera"``, ``"requirements"``, ``"tolerances"``, ``"views"`` or ``"batch"``.
 
     Returns
     -------
@@ -174,14 +175,16 @@ def _tolerances() -> Schema:
 
 
 def _views() -> Schema:
+    return {"title": "View file", **_view_tables(), "minProperties": 1}
+
+
+def _view_tables() -> Schema:
     return {
-        "title": "View file",
         "type": "object",
         "patternProperties": {
             f"^{NAME.pattern}$": {"oneOf": [_view(kind) for kind in views.VIEWS]}
         },
         "additionalProperties": False,
-        "minProperties": 1,
         "maxProperties": MAX_VIEWS,
     }
 
@@ -196,12 +199,26 @@ def _view(kind: str) -> Schema:
     return _described(table, views.VIEWS[kind] if kind != STEERABLE_KIND else views.perspective)
 
 
+def _batch() -> Schema:
+    tables = {name: _table(model) for name, model in job.TABLES.items()}
+    tables["sensor"] = {"type": "array", "items": _table(job.SensorRule), "minItems": 1}
+    return {
+        "title": "Batch job file",
+        "type": "object",
+        "properties": tables | {"view": _view_tables(), "storage": {"type": "object"}},
+        "required": ["sensor", "output"],
+        "anyOf": [{"required": ["inputs"]}, {"required": ["render"]}],
+        "additionalProperties": False,
+    }
+
+
 KINDS: dict[str, Callable[[], Schema]] = {
     "sensor": _sensor,
     "camera": _camera,
     "requirements": _requirements,
     "tolerances": _tolerances,
     "views": _views,
+    "batch": _batch,
 }
 """Generators of the schemas by kind of file."""
 

@@ -5,16 +5,20 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from .. import __version__
+from ..base import interrupts
 from ..base.arguments import file_name, integer, validate_arguments
+from ..base.block_runner import is_stopping, run_blocks, workers_in_threads
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.escaping import markdown_text, yaml_string
@@ -22,6 +26,7 @@ from ..base.files import atomic_output, write_text
 from ..base.typing import Array
 from ..cameras.camera import Camera
 from ..io import read_image, write_image
+from ..io.batch import Job
 from ..io.exr import check_exr_can_be_written
 from ..io.images import encoded
 from ..io.keyframes import Keyframes
@@ -367,6 +372,7 @@ def _corner_lists(corners: dict[str, Array]) -> dict[str, Any]:
 # -- Training datasets: WebDataset shards ----------------------------------------------------------
 
 CARD_NAME = "README.md"
+MAX_WORKERS = 256
 
 
 @validate_arguments
@@ -385,6 +391,7 @@ def write_training_dataset(
     detector: Detector | None = None,
     seed: int = 0,
     per_shard: int = 100,
+    workers: int = 1,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Write images of a camera moving through a scene with depth, directions, normals, labels and
@@ -412,6 +419,9 @@ def write_training_dataset(
         Rendering parameters, as in :func:`omnimirror.write_video`.
     per_shard
         Number of samples per tar file.
+    workers
+        Number of frames rendered at a time, each with threads on all cores; without effect on the
+        files. Memory increases in proportion.
     on_progress
         Callback with the number of finished frames and the total.
 
@@ -439,6 +449,7 @@ def write_training_dataset(
     ['set-000000.tar']
     """
     folder, per_shard = file_name("folder", folder), integer("per_shard", per_shard, 1, 1_000_000)
+    workers = integer("workers", workers, 1, MAX_WORKERS)
     dataset = TrainingSamples(
         camera,
         scene,
@@ -457,18 +468,19 @@ def write_training_dataset(
             f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder"
         )
 
-    def sample(number: int) -> dict[str, bytes]:
-        files = dataset.files(number)
-        if on_progress is not None:
-            on_progress(number + 1, count)
-        return files
+    def samples_in_order() -> Generator[tuple[str, dict[str, bytes]], None, None]:
+        frames = (Job(f"frame {n}", partial(dataset.files, n), n) for n in range(count))
+        for number, files in _in_order(frames, workers):
+            yield f"{number:06d}", files
+            if on_progress is not None:
+                on_progress(number + 1, count)
 
     shards = []
-    for number, first in enumerate(range(0, count, per_shard)):
-        shards.append(folder / f"set-{number:06d}.tar")
-        numbers = range(first, min(first + per_shard, count))
-        with atomic_output(shards[-1]) as temporary, temporary.open("wb") as file:
-            write_samples(file, ((f"{i:06d}", sample(i)) for i in numbers))
+    with closing(samples_in_order()) as rendered:
+        for number in range(-(-count // per_shard)):
+            shards.append(folder / f"set-{number:06d}.tar")
+            with atomic_output(shards[-1]) as temporary, temporary.open("wb") as file:
+                write_samples(file, islice(rendered, per_shard))
     save_camera(camera, folder / "sensor.toml")
     names = [s.name for s in shards]
     write_text(
@@ -476,6 +488,23 @@ def write_training_dataset(
         _dataset_card(camera, dataset.moment(0).scene, count, frame_rate, names),
     )
     return shards
+
+
+def _in_order(frames: Iterable[Job], workers: int) -> Generator[tuple[int, Any], None, None]:
+    """Yield number and result of each frame in their order, from threads."""
+    with (
+        workers_in_threads(workers) as threads,
+        closing(run_blocks(frames, threads, is_in_order=True)) as outcomes,
+    ):
+        for outcome in outcomes:
+            yield outcome.block.number, outcome.value()
+        if interrupts.is_pending():  # the caller defers signals
+            raise KeyboardInterrupt
+
+
+def _raise_if_stopping(*_: int) -> None:
+    if is_stopping():
+        raise KeyboardInterrupt
 
 
 @dataclass(frozen=True)
@@ -522,6 +551,7 @@ class TrainingSamples:
             blur=self.blur,
             radiometry=self.radiometry,
             seed=self.seed + number,
+            on_progress=_raise_if_stopping,
         )
         image = encoded(self.detector.read(light, self.seed + number), ".png")
         truth_maps = training_ground_truth(self.camera, now, following, self.radiometry)

@@ -1,5 +1,6 @@
 """Inputs from shards, arrays and videos; outputs to shards, arrays and videos."""
 
+import gzip
 import io
 import json
 import tarfile
@@ -14,9 +15,9 @@ import xarray
 import zarr
 
 import omnimirror as om
-from omnimirror.base.errors import OmnimirrorError
+from omnimirror.base.errors import MediaError, OmnimirrorError
 from omnimirror.interop.batch.blocks import BatchBlock
-from omnimirror.interop.batch.inputs import key_frame_times
+from omnimirror.interop.batch.inputs import InputReader, key_frame_times, list_inputs
 from omnimirror.io.video_reader import VideoReader
 from tests.interop.batch.archives import (
     CAMERA,
@@ -41,14 +42,14 @@ def shard(path, names, paths):
             for name, file in zip(names, paths, strict=True):
                 archive.write(file, name)
     else:
-        with tarfile.open(path, "w") as tar:
+        with tarfile.open(path, "w" if path.suffix == ".tar" else "w:gz") as tar:
             for name, file in zip(names, paths, strict=True):
                 tar.add(file, name)
                 entry = tarfile.TarInfo(name.replace(".png", ".json"))
                 tar.addfile(entry, io.BytesIO())
 
 
-@pytest.mark.parametrize("suffix", [".tar", ".zip"])
+@pytest.mark.parametrize("suffix", [".tar", ".tar.gz", ".tgz", ".zip"])
 def test_shards_as_inputs(tmp_path, suffix):
     paths = write_archive(tmp_path, 6)
     names = [f"day/{number}.png" for number in range(6)]
@@ -65,10 +66,34 @@ def test_shards_as_inputs(tmp_path, suffix):
 
 def test_damaged_shards_are_reported(tmp_path):
     write_archive(tmp_path, 1)
-    for name in ("a.tar", "b.zip"):
-        (tmp_path / name).write_bytes(b"no archive" * 100)
-        with pytest.raises(OmnimirrorError, match="must be an uncompressed tar file or a zip file"):
+    damaged = b"no archive" * 100
+    truncated = gzip.compress(np.random.default_rng(0).bytes(9999))[:500]
+    for name, data in (
+        ("a.tar", damaged),
+        ("b.zip", damaged),
+        ("c.tgz", damaged),
+        ("d.tar.gz", truncated),
+    ):
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(OmnimirrorError, match=r"must be a tar, tar\.gz or zip file"):
             om.batch.plan(job_of(tmp_path, f'shards = ["{name}"]'))
+
+
+def test_compressed_shard_damaged_after_planning_is_reported(tmp_path):
+    shard(tmp_path / "a.tar.gz", ["0.png", "1.png"], write_archive(tmp_path, 2))
+    job = job_of(tmp_path, 'shards = ["a.tar.gz"]')
+    reader = InputReader(job)
+    first, second = list_inputs(job)
+    assert reader.data(second) == (tmp_path / "raw" / "0001.png").read_bytes()
+    assert (
+        reader.data(first) == (tmp_path / "raw" / "0000.png").read_bytes()
+    )  # reads from the start
+    reader.close()
+    data = (tmp_path / "a.tar.gz").read_bytes()
+    (tmp_path / "a.tar.gz").write_bytes(data[: len(data) // 4])
+    with pytest.raises(MediaError, match=r"cannot read .*a\.tar\.gz!1\.png"):
+        reader.data(second)
+    reader.close()
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])

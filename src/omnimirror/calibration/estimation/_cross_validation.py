@@ -78,7 +78,7 @@ def held_out(
     ]
     is_expensive = isinstance(adjustment.model, SensorModel)
     fold_residuals = (
-        pool.map(_fold_errors, jobs)
+        pool.starmap(_fold_errors, jobs)
         if pool is not None and is_expensive
         else list(starmap(_fold_errors, jobs))
     )

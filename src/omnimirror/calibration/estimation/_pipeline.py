@@ -331,7 +331,7 @@ def _best_fit(
         (thinned, start, options_of(start), is_conic_first)
         for start, is_conic_first in product(starts, (False, True))
     ]
-    trials = pool.map(_trial, jobs)
+    trials = pool.starmap(_trial, jobs)
     fits = [fit for fit in trials if isinstance(fit, BundleAdjustment)]
     options = [
         trial_options

@@ -7,12 +7,14 @@ shape of arrays, and the key frames of videos.
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import math
 import os
 import re
 import tarfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -29,7 +31,7 @@ from ...dewarp.image_files import SourceImage
 from ...io.batch import READABLE_IMAGE_SUFFIXES
 from ...io.images import ImageMetadata, decode_image_and_metadata
 from .job import BatchJob, digest_of
-from .stores import Store, is_remote
+from .stores import MAX_OBJECT_BYTES, Store, is_remote
 
 MAX_TABLE_BYTES = 4 << 30
 MAX_SLAB_BYTES = 1 << 30
@@ -48,7 +50,7 @@ class BatchInput:
         Name in a tar or zip file, index in an array, start of a segment of a video (s), number of a
         rendered frame; empty for files.
     start, size
-        Position in a tar file and size, bytes; -1 if unknown.
+        Position in a tar file, after decompression, and size, bytes; -1 if unknown.
     stamp
         Modification time or ETag.
     camera
@@ -258,7 +260,7 @@ def _matches(job: BatchJob, pattern: str) -> list[Any]:
 
 
 def _members(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
-    """Yield the images in tar and zip files; those of uncompressed tar files with their position."""
+    """Yield the images in tar and zip files; those of tar files with their position."""
     for shard in _matches(job, pattern):
         with job.store(shard.url).open(shard.url) as file:
             try:
@@ -266,16 +268,23 @@ def _members(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
                     with zipfile.ZipFile(file) as archive:
                         members = [(m.filename, -1, m.file_size) for m in archive.infolist()]
                 else:
-                    with tarfile.open(fileobj=file, mode="r:") as tar:
+                    plain: Any = gzip.GzipFile(fileobj=file) if _is_gzip(shard.url) else file
+                    with tarfile.open(fileobj=plain, mode="r:") as tar:
                         members = [(m.name, m.offset_data, m.size) for m in tar if m.isfile()]
-            except (tarfile.TarError, zipfile.BadZipFile, EOFError) as e:
-                raise MediaError(
-                    f"{shard.url} must be an uncompressed tar file or a zip file: {e}"
-                ) from None
+            except SHARD_ERRORS as e:
+                raise MediaError(f"{shard.url} must be a tar, tar.gz or zip file: {e}") from None
         for name, start, size in members:
             if name.lower().endswith(READABLE_IMAGE_SUFFIXES):
                 root = root_of(job.resolve(pattern))
                 yield BatchInput(shard.url, name, start, size, shard.stamp, root=root)
+
+
+SHARD_ERRORS = (tarfile.TarError, zipfile.BadZipFile, gzip.BadGzipFile, zlib.error, EOFError)
+GZIP_SUFFIXES = (".tar.gz", ".tgz")
+
+
+def _is_gzip(url: str) -> bool:
+    return url.lower().endswith(GZIP_SUFFIXES)
 
 
 def open_array(url: str, storage: Any) -> Any:
@@ -369,7 +378,7 @@ class InputReader:
         storage = job.storage
         self.stored_orientation = job.dewarp.stored_orientation
         self.store = lru_cache(maxsize=8)(job.store)
-        self.archives: dict[str, tuple[Any, zipfile.ZipFile]] = {}
+        self.archives: dict[str, tuple[Any, Any]] = {}
         self.lock = Lock()
         self.slab = lru_cache(maxsize=1)(self._slab)
         self.array = lru_cache(maxsize=4)(lambda url: open_array(url, storage))
@@ -384,6 +393,8 @@ class InputReader:
         """
         if not each.member:
             return self._store_of(each.url).read(self._name(each.url))
+        if _is_gzip(each.url):
+            return self._decompressed(each)
         if each.start >= 0:
             store = self._store_of(each.url)
             data = store.read(self._name(each.url), each.start, each.start + each.size)
@@ -415,14 +426,18 @@ class InputReader:
     def _name(self, url: str) -> str:
         return url.rpartition("/")[2] if is_remote(url) else url
 
-    def _archive(self, url: str) -> zipfile.ZipFile:
+    def _archive(self, url: str) -> Any:
         if url not in self.archives:
             file = self._store_of(url).open(self._name(url))
-            self.archives[url] = file, zipfile.ZipFile(file)
+            is_gzip = _is_gzip(url)
+            self.archives[url] = (
+                file,
+                gzip.GzipFile(fileobj=file) if is_gzip else zipfile.ZipFile(file),
+            )
         return self.archives[url][1]
 
     def close(self) -> None:
-        """Close all zip files."""
+        """Close all compressed archives."""
         for file, archive in self.archives.values():
             archive.close()
             file.close()
@@ -431,11 +446,29 @@ class InputReader:
     def _unzipped(self, each: BatchInput) -> bytes:
         try:
             with self.lock:  # one file position for all threads that read ahead
-                return self._archive(each.url).read(each.member)
+                data: bytes = self._archive(each.url).read(each.member)
+                return data
         except (OSError, KeyError, zipfile.BadZipFile, NotImplementedError, EOFError) as e:
             raise MediaError(f"cannot read {each.name}: {e}") from None
         except Exception as e:  # zlib.error, and errors of encrypted members
             raise MediaError(f"cannot read {each.name}: {e}") from None
+
+    def _decompressed(self, each: BatchInput) -> bytes:
+        """Return a member of a compressed tar file; positions in ascending order require no
+        repeated decompression.
+        """
+        if each.size > MAX_OBJECT_BYTES:
+            raise MediaError(f"{each.name} must have at most {MAX_OBJECT_BYTES} bytes")
+        try:
+            with self.lock:
+                tar = self._archive(each.url)
+                tar.seek(each.start)
+                data: bytes = tar.read(each.size)
+        except (*SHARD_ERRORS, OSError) as e:
+            raise MediaError(f"cannot read {each.name}: {e}") from None
+        if len(data) < each.size:
+            raise MediaError(f"cannot read {each.name}: the file is truncated")
+        return data
 
     def _slab_length(self, array: Any) -> int:
         """Return the number of images of an array that are read together: those of a chunk."""
@@ -474,7 +507,7 @@ def stem_of(each: BatchInput) -> tuple[str, str]:
     """
     path = each.url.removeprefix(each.root)
     if each.member:
-        path = f"{os.path.splitext(path)[0]}/{each.member}"
+        path = f"{os.path.splitext(path)[0].removesuffix('.tar')}/{each.member}"
         if each.start < 0 and not each.url.endswith(".zip"):
             return path.rpartition("/")[0] + "/", each.member.replace(".", "_")
     folder, slash, name = path.rpartition("/")

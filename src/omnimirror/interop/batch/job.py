@@ -41,7 +41,9 @@ class InputTable(Table):
     files: list[str] = Field(default=[], description="globs, folders or URLs of images")
     list_file: str | None = Field(default=None, description="text file with one name per line")
     table: str | None = Field(default=None, description="CSV or Parquet file with the column path")
-    shards: list[str] = Field(default=[], description="globs of tar, zip and WebDataset files")
+    shards: list[str] = Field(
+        default=[], description="globs of tar, tar.gz, zip and WebDataset files"
+    )
     arrays: list[str] = Field(
         default=[], description="Zarr arrays with images along the first axis"
     )

@@ -470,9 +470,10 @@ def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
 
 @dataclass(frozen=True)
 class ShardOptions(Options):
-    """Storage."""
+    """Storage and execution."""
 
     per_shard: int = setting("storage", 100)
+    workers: int = setting("execution", 1)
 
 
 @command.command(
