@@ -281,7 +281,10 @@ def main() -> None:
                         )
         version = browser.version
         browser.close()
-    header = f"`{Path(__file__).name}` on {processor_name()}, {os.cpu_count()} cores, Chromium {version} without a GPU.{load_note}"
+    header = (
+        f"`{Path(__file__).name}` on {processor_name()}, {os.cpu_count()} cores, Chromium "
+        f"{version} without a GPU.{load_note}"
+    )
     lines = [
         "# User tasks",
         "",

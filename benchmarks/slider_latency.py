@@ -140,7 +140,11 @@ def measure_rotation(page: Any, count: int) -> str:
         np.median(frame_times, axis=0),
         np.percentile(frame_times, 95, axis=0),
     )
-    return f"3-D view of {width} x {height} px during rotation, without a GPU: frame interval {frame:.1f} ms (95th percentile: {slow:.1f} ms), of which drawing takes {drawn:.1f} ms."
+    return (
+        f"3-D view of {width} x {height} px during rotation, without a GPU: frame interval "
+        f"{frame:.1f} ms (95th percentile: {slow:.1f} ms), of which drawing takes {drawn:.1f} "
+        "ms."
+    )
 
 
 def page_ms(page: Any, metrics: Any, kind: str, count: int) -> tuple[np.ndarray, float]:

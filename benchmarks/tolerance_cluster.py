@@ -169,12 +169,17 @@ def write(
         f"| cluster: {WORKERS} workers | {processor_s['workers']:.1f} |",
         f"| cluster: scheduler, idle, per second | {idle_rates['scheduler']:.3f} |",
         f"| cluster: {WORKERS} workers, idle, per second | {idle_rates['workers']:.3f} |",
-        f"| overhead of the cluster over threads, measured | {total - threads_s:.1f}, {100 * (total / threads_s - 1):.0f} % |",
-        f"| overhead of the cluster over threads, for an undisturbed run of {undisturbed_s:.0f} s | {overhead:.1f}, {100 * overhead / threads_s:.1f} % |",
+        f"| overhead of the cluster over threads, measured | {total - threads_s:.1f}, "
+        f"{100 * (total / threads_s - 1):.0f} % |",
+        "| overhead of the cluster over threads, for an undisturbed run of "
+        f"{undisturbed_s:.0f} s | {overhead:.1f}, {100 * overhead / threads_s:.1f} % |",
     ]
     text = "\n".join(
         [
-            f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; {wall:.0f} s of wall time. {processor_name()}, {WORKERS} cores.{busy}",
+            (
+                f"{SHARDS} shards of {SHARD_TRIALS:,} sensors, {shard:.1f} s of one core each; "
+                f"{wall:.0f} s of wall time. {processor_name()}, {WORKERS} cores.{busy}"
+            ),
             "",
             "| process | CPU time, s |",
             "|---|---:|",

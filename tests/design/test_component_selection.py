@@ -116,7 +116,10 @@ def test_extension_rings_reach_focus_of_lens_equation():
     ]
 
 
-LENS_TABLE = "[[lens]]\nname = 'A'\nfocal_length_mm = 12\nf_number_min = 1.4\nf_number_max = 16\nminimum_focus_mm = 100\n"
+LENS_TABLE = (
+    "[[lens]]\nname = 'A'\nfocal_length_mm = 12\nf_number_min = 1.4\nf_number_max = "
+    "16\nminimum_focus_mm = 100\n"
+)
 IMAGER_TABLE = "[[imager]]\nname = 'A'\nwidth_px = 640\nheight_px = 480\npixel_pitch_um = 3\n"
 BALL_TABLE = "[[ball]]\nname = 'A'\nball_diameter_mm = 60\n"
 
@@ -332,7 +335,8 @@ def test_catalogue_lens_takes_data_from_its_file(tmp_path):
 
 def test_catalogues_as_csv(tmp_path):
     (tmp_path / "lenses.csv").write_text(
-        "name,focal_length_mm,f_number_min,f_number_max,minimum_focus_mm,extension_rings_mm,image_circle_mm\nA,12,1.4,16,250,0.5 1,\nB,16,1.4,16,300,,11\n"
+        "name,focal_length_mm,f_number_min,f_number_max,minimum_focus_mm,extension_rings_mm,"
+        "image_circle_mm\nA,12,1.4,16,250,0.5 1,\nB,16,1.4,16,300,,11\n"
     )
     (tmp_path / "imagers.csv").write_text(
         "name,width_px,height_px,pixel_pitch_um\nC,1280,1024,5.2\n"

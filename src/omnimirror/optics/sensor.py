@@ -119,7 +119,9 @@ class Sensor:
             object.__setattr__(self, "mirror_distance_mm", np.inf)
         elif not (np.isfinite(self.mirror_distance_mm) and self.mirror_distance_mm > 0):
             raise InvalidParameter(
-                f"mirror_distance_mm must be finite and greater than 0 for a {self.lens.KIND} lens: the distance from its principal point to the mirror vertex; got {self.mirror_distance_mm:g}"
+                f"mirror_distance_mm must be finite and greater than 0 for a {self.lens.KIND} lens: "
+                "the distance from its principal point to the mirror vertex; got "
+                f"{self.mirror_distance_mm:g}"
             )
         if self.secondary is not None and self.mirror_pose != MirrorPose():
             raise InvalidParameter(
@@ -133,7 +135,8 @@ class Sensor:
             self.lens.TELECENTRIC or not self.lens.IS_THIN
         ):
             raise InvalidParameter(
-                f"imager_pose must not have a tilt behind lenses of kind {self.lens.KIND}, whose exit pupil is unknown; remove the tilts or use a perspective lens"
+                f"imager_pose must not have a tilt behind lenses of kind {self.lens.KIND}, whose exit "
+                "pupil is unknown; remove the tilts or use a perspective lens"
             )
 
     # -- meridian ----------------------------------------------------------------------------------
@@ -149,7 +152,10 @@ class Sensor:
         """
         if not self.is_axial:
             raise InvalidParameter(
-                f"{self._misaligned_part} of {self.name!r} must be aligned for rotationally symmetric evaluation; got a decentred, tilted or deformed one; use sensor.aligned(), or three-dimensional computations (om.evaluate_camera of its om.SensorModel, rays, images, spots, MTF)"
+                f"{self._misaligned_part} of {self.name!r} must be aligned for rotationally symmetric "
+                "evaluation; got a decentred, tilted or deformed one; use sensor.aligned(), or "
+                "three-dimensional computations (om.evaluate_camera of its om.SensorModel, rays, "
+                "images, spots, MTF)"
             )
         m = self.mirror_distance_mm + self.mirror_pose.displacement_mm
         if self.secondary is None:
@@ -227,19 +233,25 @@ class Sensor:
         conditions: dict[SensorProperty, tuple[bool, str]] = {
             "single mirror": (
                 self.secondary is None,
-                f"a sensor without secondary mirror; got {self.name!r}, which has one; use the sensor without its secondary, or evaluation, spots, images and dewarping",
+                f"a sensor without secondary mirror; got {self.name!r}, which has one; use the sensor "
+                "without its secondary, or evaluation, spots, images and dewarping",
             ),
             "thin lens": (
                 lens.IS_THIN,
-                f"a perspective or orthographic lens; {self.name!r} has a lens given by its {lens.KIND}; use a perspective lens of the same focal length and entrance pupil, or evaluation, focus, spots, illumination, images and dewarping",
+                f"a perspective or orthographic lens; {self.name!r} has a lens given by its "
+                f"{lens.KIND}; use a perspective lens of the same focal length and entrance pupil, or "
+                "evaluation, focus, spots, illumination, images and dewarping",
             ),
             "perpendicular imager": (
                 imager_pose.is_perpendicular,
-                f"an imager perpendicular to the axis; that of {self.name!r} is tilted by {imager_pose.tilt_x_deg:g} and {imager_pose.tilt_y_deg:g} deg; use images and tolerances",
+                f"an imager perpendicular to the axis; that of {self.name!r} is tilted by "
+                f"{imager_pose.tilt_x_deg:g} and {imager_pose.tilt_y_deg:g} deg; use images and "
+                "tolerances",
             ),
             "ideal except poses": (
                 self.is_ideal_except_pose,
-                f"a sensor without [mirror_form] and [imager_pose]; {self.name!r} has one of them; use sensor.aligned(), or rays, images and dewarping",
+                f"a sensor without [mirror_form] and [imager_pose]; {self.name!r} has one of them; "
+                "use sensor.aligned(), or rays, images and dewarping",
             ),
         }
         for is_met, condition in (conditions[need] for need in needs):
