@@ -34,7 +34,25 @@ from .._output import output_console, print_line
     metavar="FIG",
     help="Draw this figure only, for example fig4 (repeatable).",
 )
-def command(folder: Path, figures: bool, only: tuple[str, ...]) -> None:
+@click.option(
+    "--style",
+    type=click.Choice(["paper", "slides"]),
+    default="paper",
+    show_default=True,
+    help="Style of the figures: column width of a journal, or larger text and lines.",
+)
+@click.option(
+    "--format",
+    "formats",
+    type=click.Choice(["svg", "png", "pdf"]),
+    multiple=True,
+    default=("svg", "png"),
+    show_default=True,
+    help="File format of the figures (repeatable).",
+)
+def command(
+    folder: Path, figures: bool, only: tuple[str, ...], style: str, formats: tuple[str, ...]
+) -> None:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
     The exit code is 1 if a verdict differs from the known one.
@@ -48,6 +66,8 @@ def command(folder: Path, figures: bool, only: tuple[str, ...]) -> None:
             folder,
             figures=figures,
             only=only or None,
+            formats=formats,
+            style=style,
             on_progress=lambda step: status.update(f"Computing {step}"),
         )
     console.print(_claims.terminal_table(result.rows))
