@@ -95,6 +95,20 @@ class LazyGroup(click.Group):
         except Terminated as e:  # no ^C on the terminal line
             raise click.exceptions.Abort from e
 
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        # Three rows instead of five, so that all commands fit on a screen
+        rows = [
+            ("-h, --help, --version", "Show this message, or the version, and exit."),
+            ("--quiet", "Print warnings and errors only (all commands)."),
+            (
+                "--verbose, --debug",
+                "Print timings and versions, or the traceback of errors (all commands).",
+            ),
+        ]
+        with formatter.section("Options"):
+            formatter.write_dl(rows)
+        self.format_commands(ctx, formatter)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
@@ -116,7 +130,7 @@ def _set_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
     expose_value=False,
     callback=_set_quiet,
     is_eager=True,
-    help="Print warnings and errors only. This and the next two options apply to all commands.",
+    help="Print warnings and errors only.",
 )
 @click.option(
     "--verbose", is_flag=True, expose_value=False, help="Print timings, versions and the backend."
