@@ -72,7 +72,7 @@ class ViewOptions(Options):
     view: str | None = option(
         type=click.Choice([*views.VIEWS, *views.PRESETS]),
         metavar="NAME",
-        help=f"View: {', '.join(views.VIEWS)}; or a screen of the paper, "
+        help=f"View: {', '.join(views.VIEWS)}; of the paper: "
         f"{', '.join(views.PRESETS)}.  [default: panorama]",
     )
     pan_deg: float | None = option(
