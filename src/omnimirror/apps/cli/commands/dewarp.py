@@ -275,9 +275,8 @@ def command(
     video: VideoOptions,
     bag: BagOptions,
 ) -> None:
-    """Dewarp (undistort) each SOURCE with the camera of --sensor, --ball or --auto.
-
-    A SOURCE is an image, a folder, a pattern of files, a video, a stream, or a ROS bag.
+    """Dewarp (undistort) each SOURCE with the camera of --sensor, --ball or --auto: an image, a
+    folder, a pattern of files, a video, a stream, or a ROS bag.
     """
     outputs, kind = _split_format(outputs)
     auto.check(camera)
