@@ -219,12 +219,14 @@ def test_scheduler_must_respond(monkeypatch):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_worker_processes_and_is_raised(number):
     code = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs inherit an ignored SIGINT
 import time
 from omnimirror.base.block_runner import run_blocks, workers_in_processes
 from tests.base.test_block_runner import Square
-signal_free = [Square(n) for n in range(10**6)]
+blocks = [Square(n) for n in range(10**6)]
 with workers_in_processes(1) as workers:
-    for outcome in run_blocks(signal_free, workers):
+    for outcome in run_blocks(blocks, workers):
         print(outcome.result[1], flush=True)
 """
     root = Path(__file__).parents[2]
