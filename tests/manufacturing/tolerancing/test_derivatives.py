@@ -201,8 +201,8 @@ class Rays:
         lens = self.sensor.lens
         focus = self.of("lens.focus_distance_mm", lens.focus_distance_mm)
         vergence = 1 / (focus - self.of("lens.entrance_pupil_mm", lens.entrance_pupil_mm))
-        tangents, leans = self.tangents(targets, start), self.name.startswith("imager.tilt")
-        pixels = self.on_leaning(tangents) if leans else self.imaged(tangents, vergence)
+        tangents, is_tilted = self.tangents(targets, start), self.name.startswith("imager.tilt")
+        pixels = self.on_tilted(tangents) if is_tilted else self.imaged(tangents, vergence)
         weights = np.array([45, -45, -9, 9, 1, -1]) / (60 * PUPIL[1, 0])
         sides = [np.einsum("p,kpni->kni", weights, pixels[:, k : k + 6]) for k in (1, 7)]
         f, number = (
