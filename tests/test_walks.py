@@ -93,10 +93,10 @@ def slider_to_plot() -> None:
             slot=0,
             number=0,
             tables=sensor.tables,
-            follows=sensor.follows,
+            follows_mapping=sensor.follows_mapping,
             object_distance_mm=None,
-            section=True,
-            squares=True,
+            include_section=True,
+            include_squares=True,
             requirements=None,
         )
     )

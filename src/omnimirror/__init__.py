@@ -360,7 +360,7 @@ _HOMES = {
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
 _MODULES = {"batch": "interop.batch", "mirrors": "optics.mirrors"}
-__all__ = ["__version__", *_HOMES]
+__all__ = ["__version__", "batch", *_HOMES]
 
 
 if not TYPE_CHECKING:  # type checkers see the names above and must reject all others

@@ -214,6 +214,15 @@ def test_shards_are_complete_and_reproducible(tmp_path):
         om.write_training_dataset(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
 
 
+@pytest.fixture
+def interruptible():
+    """Handler of Python for Ctrl-C, which jobs in the background ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("is_deferred", [False, True])
 def test_interrupted_dataset_contains_complete_shards(tmp_path, is_deferred):
     def interrupt(done, _):

@@ -44,6 +44,18 @@ at_most = 0.8
 """
 PARTS = '[parts]\ncatalogue = "typical"\n'
 PATH = "time_s,x_mm,y_mm,z_mm\n0,0,0,0\n100,1000,0,0\n"
+JOB = """
+[inputs]
+files = ["large/*.png"]
+[[sensor]]
+file = "paper-spherical"
+[view.front]
+view = "perspective"
+size = [64, 48]
+[output]
+url = "views"
+format = ".png"
+"""
 VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 
 ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
@@ -133,6 +145,10 @@ or a signal handler."""
 REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "sensors": (("sensors",), "apps.cli.commands.sensors:load_sensor"),
     "init": (("init", "-o", "new.toml"), "apps.cli.commands.init:write_text"),
+    "schema": (("schema", "sensor", "-o", "schema.json"), "apps.cli.commands.schema:write_text"),
+    "batch plan": (("batch", "plan", "job.toml"), "apps.cli.commands.batch:plan"),
+    "batch run": (("batch", "run", "job.toml"), "apps.cli.commands.batch:run"),
+    "batch status": (("batch", "status", "job.toml"), "apps.cli.commands.batch:load_job"),
     "check": (
         ("check", "lens.toml", "paper-spherical"),
         "apps.cli.commands.check:check_requirements",
@@ -324,7 +340,9 @@ def prepare(folder: Path, words: tuple[str, ...]) -> None:
         for number in range(100):
             om.write_image(folder / "many" / f"{number}.png", picture)
     for name, count, side in (("boards", 400, 320), ("view", 1, 256), ("large", 1, 1024)):
-        if any(word.startswith(name) for word in words):
+        if any(word.startswith(name) for word in words) or (
+            "job.toml" in words and name == "large"
+        ):
             for number in range(count):
                 om.write_image(folder / name / f"{number}.png", noise(side))
     if "ride" in words:
@@ -336,6 +354,7 @@ def prepare(folder: Path, words: tuple[str, ...]) -> None:
         z = om.load_sensor("paper-spherical").mirror.sag(np.hypot(x, y))
         np.savetxt(folder / "points.csv", np.column_stack([x, y, z]), delimiter=",")
     (folder / "views.toml").write_text(VIEWS)
+    (folder / "job.toml").write_text(JOB)
     (folder / "requirements.toml").write_text(REQUIREMENTS)
     (folder / "lens.toml").write_text(REQUIREMENTS + "[lens]\ntheta_max_deg = 12\n")
     (folder / "parts.toml").write_text(REQUIREMENTS + PARTS)

@@ -240,10 +240,10 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
         for other in changed_values(parameter, value):
             tables = {**made["tables"], "mirror": {**made["tables"]["mirror"], name: other}}
             (header, blocks), *_ = ask(
-                client, question(sensor, tables=tables, follows=made["follows"])
+                client, question(sensor, tables=tables, follows_mapping=made["follows_mapping"])
             )
-            if header["trouble"] is not None:  # a range that depends on other parameters
-                assert header["trouble"]["path"][:1] == ["mirror"], (name, header["trouble"])
+            if header["error"] is not None:  # a range that depends on other parameters
+                assert header["error"]["path"][:1] == ["mirror"], (name, header["error"])
                 continue
             assert np.isfinite(blocks["curves"]["h_px"]).all()
             text = post(client, "file", tables=tables, kind="sensor", object_distance_mm=None).text
@@ -282,10 +282,10 @@ def test_design_and_requirement_file_do_not_choose_a_mirror_type(client):
     refused = post(client, "requirements", requirements=wanted, tables=tables_of(spline))
     assert "got a slope-spline mirror" in refused.json()["detail"]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
-        socket.send_json(task(what="design", requirements=wanted))
+        socket.send_json(task(kind="design", requirements=wanted))
         last = socket.receive_json()
     assert (last["state"], last["sensor"]) == ("failed", None)
-    assert "must specify a mapping or a family" in last["sentence"]
+    assert "must specify a mapping or a family" in last["message"]
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paraboloid-telecentric", "exact-equidistant"])

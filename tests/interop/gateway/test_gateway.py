@@ -549,7 +549,7 @@ def test_invalid_json_is_rejected(gateway, body):
             "/api/views/eye", content=body, headers={"content-type": "application/json"}
         )
         assert answer.status_code == 422
-        assert answer.json()["detail"].startswith("the body must ")
+        assert "the body" in answer.json()["detail"]
         assert client.get(f"/front/{'9' * 5000}.ts").status_code in (404, 422)
 
 

@@ -148,7 +148,7 @@ def test_partial_coverage_reduces_the_order():
         (on(HYPERBOLOID, {}, 0.1)[:199], "the cloud must have at least 200 points; got 199"),
         (
             1e-3 * on(HYPERBOLOID, {}, 0.1),
-            r"0.08.* mm wide .* the mirror 88 .*: the unit seems to be m; give",
+            r"0.08.* mm wide .* the mirror 88 .*: the unit seems to be m; specify",
         ),
         (1e3 * on(HYPERBOLOID, {}, 0.1), "the unit seems to be um"),
         (on(HYPERBOLOID, {}, 0.1) / 25.4, "the unit seems to be inch"),

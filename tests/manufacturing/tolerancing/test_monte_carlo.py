@@ -475,7 +475,10 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
     ("words", "sentence"),
     [
         (["paper-spherical"], "tolerance init paper-spherical"),
-        (["paper-spherical", "nothing.toml"], "no tolerance file 'nothing.toml'"),
+        (
+            ["paper-spherical", "nothing.toml"],
+            "cannot read the tolerance file nothing.toml: the file does not exist",
+        ),
         (["init"], "SENSOR is missing"),
         (["paper-spherical", "t.toml", "--merit", "blur_px"], "NAME=LIMIT"),
         (["paper-spherical", "t.toml", "--trials", "0"], "0 is not in the range"),

@@ -23,7 +23,7 @@ def framed(header: Message, *parts: bytes) -> bytes:
 
     >>> from .bench_messages import ApiError
     >>> framed(ApiError(path=(), message="no"), b"abcd")
-    b'\\x1b\\x00\\x00\\x00{"path":[],"message":"no"} abcd'
+    b'\\x1c\\x00\\x00\\x00{"path":[],"message":"no"}  abcd'
     """
     text = header.model_dump_json().encode()
     text += b" " * (-len(text) % 4)

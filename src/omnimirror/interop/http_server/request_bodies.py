@@ -53,8 +53,8 @@ def parse_body(data: bytes | str) -> Any:
     >>> parse_body("[NaN]")
     Traceback (most recent call last):
     ...
-    omnimirror.interop.http_server.request_bodies.InvalidMessage: the body must hold finite
-    numbers; got nan
+    omnimirror.interop.http_server.request_bodies.InvalidMessage: numbers in the body must be
+    finite; got nan
     """
     try:
         text = data.decode("utf-8") if isinstance(data, bytes) else data

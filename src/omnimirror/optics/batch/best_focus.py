@@ -41,9 +41,8 @@ from .closed_forms import (
 
 SCAN = 17  # vergences sampled for valleys
 MARGIN = 0.05  # fraction of the range of vergences, on both sides
-TANGENT_MARGIN = (
-    0.02  # tangents may intersect above a known minimum: areas are not convex; also in focus.hpp
-)
+# Tangents may intersect above a known minimum: areas are not convex; also in focus.hpp
+TANGENT_MARGIN = 0.02
 CLOSE = 1e-12  # width of the final bracket, relative to the scanned range
 FOCUS_SEARCH = (SCAN, MARGIN, CLOSE, MAX_BRACKET_STEPS, MIN_BRACKET_REDUCTION, BISECTION_PERIOD)
 """The same constants for the compiled evaluator."""
