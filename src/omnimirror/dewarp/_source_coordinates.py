@@ -33,9 +33,8 @@ from .viewpoints import Viewpoint, centre_of_projection, projection_of
 ENTRIES = 1 << 15  # linear interpolation error 1e-6 px at 1000 px radius
 ORIGINS = 1 << 14  # ray origins on the mirror; error some 1e-5 px near the mirror, the worst case
 ANGLE_TOLERANCE_RAD = 1e-9  # radians; the rim itself is inside the field
-CONVERGENCE_TOLERANCE = (
-    1e-7  # step in sin(Omega/2): the remaining error of a Newton step is about its square
-)
+# Step in sin(Omega/2): the remaining error of a Newton step is about its square
+CONVERGENCE_TOLERANCE = 1e-7
 MAX_ROOT_RESIDUAL = 0.1  # below any jump of the sine between two directions that differ by 360 deg
 MAX_STEPS = 100  # bisection alone requires 25
 

@@ -147,7 +147,7 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "init": (("init", "-o", "new.toml"), "apps.cli.commands.init:write_text"),
     "schema": (("schema", "sensor", "-o", "schema.json"), "apps.cli.commands.schema:write_text"),
     "batch plan": (("batch", "plan", "job.toml"), "apps.cli.commands.batch:plan"),
-    "batch run": (("batch", "run", "job.toml"), "apps.cli.commands.batch:run"),
+    "batch run": (("batch", "run", "job.toml"), "apps.cli.commands.batch:load_job"),
     "batch status": (("batch", "status", "job.toml"), "apps.cli.commands.batch:load_job"),
     "check": (
         ("check", "lens.toml", "paper-spherical"),

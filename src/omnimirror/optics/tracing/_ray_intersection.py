@@ -51,9 +51,8 @@ CHUNK = 16384  # rays per chunk: their arrays fit in the cache
 MAX_STEPS = 100  # a grazing ray halves its distance with each step
 LIFT = 1e-6  # offset of reflected rays from the surface, relative to the rim radius
 CURVATURE_MARGIN = 1.5  # factor on the largest concave curvature sampled
-SAMPLING_MARGIN = (
-    1e-3  # relative to the rim radius; covers valleys between the samples of the lowest point
-)
+# Relative to the rim radius; covers valleys between the samples of the lowest point
+SAMPLING_MARGIN = 1e-3
 
 
 class Hits(NamedTuple):
