@@ -307,8 +307,10 @@ def coded(path, codec, pixel_format, colour=None):
     v, u = np.mgrid[0:48, 0:64]
     picture = np.dstack([u * 4, v * 5, 200 - u, 255 - u * 3]).astype(np.uint8)
     with av.open(str(path), "w") as container:
-        quiet = {"x265-params": "log-level=none"} if codec == "libx265" else {}
-        stream = container.add_stream(codec, rate=25, options=quiet)
+        # One thread: x265 rarely fails with several threads on busy machines
+        serial = "log-level=none:pools=1:frame-threads=1"
+        options = {"x265-params": serial} if codec == "libx265" else {}
+        stream = container.add_stream(codec, rate=25, options=options)
         stream.width, stream.height, stream.pix_fmt = *SIZE, pixel_format
         (colour or ColourCoding()).apply_to(stream.codec_context)
         for i in range(2):
