@@ -307,9 +307,9 @@ def coded(path, codec, pixel_format, colour=None):
     v, u = np.mgrid[0:48, 0:64]
     picture = np.dstack([u * 4, v * 5, 200 - u, 255 - u * 3]).astype(np.uint8)
     with av.open(str(path), "w") as container:
-        # One thread: x265 rarely fails with several threads on busy machines
-        serial = "log-level=none:pools=1:frame-threads=1"
-        options = {"x265-params": serial} if codec == "libx265" else {}
+        # Without B-frames: the decoding time of the first of two frames is undefined in x265
+        parameters = "log-level=none:bframes=0"
+        options = {"x265-params": parameters} if codec == "libx265" else {}
         stream = container.add_stream(codec, rate=25, options=options)
         stream.width, stream.height, stream.pix_fmt = *SIZE, pixel_format
         (colour or ColourCoding()).apply_to(stream.codec_context)
