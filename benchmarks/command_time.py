@@ -165,7 +165,7 @@ def measure_folder(folder: Path, count: int, runs: int) -> list[str]:
 
         return prepare
 
-    one = [
+    single_image = [
         *OMNIMIRROR,
         source / "0000.jpg",
         "--sensor",
@@ -175,7 +175,7 @@ def measure_folder(folder: Path, count: int, runs: int) -> list[str]:
         "-o",
         view,
     ]
-    subprocess.run([str(w) for w in one], check=True)
+    subprocess.run([str(w) for w in single_image], check=True)
     dewarp = [*OMNIMIRROR, source, "--sensor", "paper-spherical", "--size", "1440x", "-o", target]
     commands = {
         interpolation: with_empty_output([*dewarp, "--interpolation", interpolation])
@@ -189,16 +189,6 @@ def measure_folder(folder: Path, count: int, runs: int) -> list[str]:
         view,
         target,
         str(os.cpu_count() or 1),
-    ]
-    single_image = [
-        *OMNIMIRROR,
-        source / "0000.jpg",
-        "--sensor",
-        "paper-spherical",
-        "--size",
-        "1440x",
-        "-o",
-        view,
     ]
     results = measure_costs(
         {

@@ -318,19 +318,3 @@ def test_diagrams_are_to_scale(tmp_path):
     )
     f, D, L0, L = 1.0, 1.1, 3.2, 6.0
     assert np.ptp(spot.get_ydata()) == pytest.approx(f * D * (L - L0) / ((L0 - f) * L))
-
-
-def test_command_passes_style_and_formats(tmp_path):
-    from click.testing import CliRunner
-
-    from omnimirror.apps.cli import app
-
-    font_sizes = {}
-    for style in ("paper", "slides"):
-        folder = tmp_path / style
-        words = ["reproduce", "-o", folder, "--only", "fig5", "--format", "svg", "--style", style]
-        run = CliRunner().invoke(app, [str(word) for word in words])
-        assert run.exit_code == 0, run.output
-        assert sorted(f.name for f in folder.iterdir()) == ["fig5.svg", "numbers.csv", "numbers.md"]
-        font_sizes[style] = re.findall(r"font-size: ([\d.]+)px", (folder / "fig5.svg").read_text())
-    assert min(map(float, font_sizes["slides"])) > max(map(float, font_sizes["paper"]))

@@ -18,6 +18,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -265,20 +266,41 @@ def print_notice(sentence: object) -> None:
 @contextmanager
 def frame_rate_bar() -> Iterator[Callable[[FrameProgress], None]]:
     """Show a progress bar of frames and frame rate on terminals, and yield its update function."""
+    rate = TextColumn("{task.fields[rate]:.0f} frames/s")
+    with _counting_bar("Dewarping", MofNCompleteColumn(), rate) as bar:
+        task = bar.add_task("", total=None, rate=0.0)
+        yield lambda p: bar.update(task, completed=p.done, total=p.total, rate=p.rate)
+
+
+@contextmanager
+def count_bar(
+    activity: str, count: ProgressColumn | None = None
+) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on terminals and yield its update function of (done, total).
+
+    Parameters
+    ----------
+    activity
+        Text before the bar.
+    count
+        Column after the bar; a percentage by default.
+    """
+    with _counting_bar(activity, count or TextColumn("{task.percentage:.0f} %")) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _counting_bar(activity: str, *columns: ProgressColumn) -> Progress:
     console = Console(stderr=True, quiet=is_quiet())
-    bar = Progress(
-        TextColumn("Dewarping"),
+    return Progress(
+        TextColumn(activity, markup=False),
         BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.0f} frames/s"),
+        *columns,
         TimeRemainingColumn(),
         console=console,
         transient=True,
         disable=not console.is_terminal,
     )
-    with bar:
-        task = bar.add_task("", total=None, rate=0.0)
-        yield lambda p: bar.update(task, completed=p.done, total=p.total, rate=p.rate)
 
 
 def progress_bar(console: Console) -> Progress:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ...cameras.camera import Camera
 from ...optics.sensor import Sensor
@@ -20,7 +16,6 @@ from ...simulation.scenes.moving_objects import MovingBox, load_bodies
 from ...simulation.scenes.scene import Pose
 from ...simulation.scenes.scene_sources import BUNDLED, SceneSource
 from ._declarations import INTEGER, Options, _numbers, flag, option, setting
-from ._output import is_quiet
 
 
 def pose(text: str) -> Pose:
@@ -151,21 +146,3 @@ class TrajectoryOptions(Options):
     def moving(self) -> tuple[MovingBox, ...]:
         """Return the moving boxes of the scene."""
         return () if self.bodies is None else load_bodies(self.bodies)
-
-
-@contextmanager
-def percentage_bar(activity: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on stderr and yield its update function for rows or frames."""
-    console = Console(stderr=True, quiet=is_quiet())
-    bar = Progress(
-        TextColumn(activity, markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:.0f} %"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    with bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

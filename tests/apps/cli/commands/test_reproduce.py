@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -24,6 +25,19 @@ def test_writes_table_and_figures(tmp_path):
     }
     assert "2 are not reproduced, 0 differ from the known result" in run.stdout
     assert "erratum 19" in run.stdout
+
+
+def test_slides_have_larger_text_in_the_given_format(tmp_path):
+    font_sizes_px = {}
+    for style in ("paper", "slides"):
+        arguments = ("--only", "fig5", "--format", "svg", "--style", style, "-o", style)
+        run = omnimirror("reproduce", *arguments, cwd=tmp_path)
+        assert run.returncode == 0, run.stderr
+        files = {p.name for p in (tmp_path / style).iterdir()}
+        assert files == {"numbers.csv", "numbers.md", "fig5.svg"}
+        text = (tmp_path / style / "fig5.svg").read_text()
+        font_sizes_px[style] = [float(px) for px in re.findall(r"font-size: ([\d.]+)px", text)]
+    assert min(font_sizes_px["slides"]) > max(font_sizes_px["paper"])
 
 
 def test_no_figures(tmp_path):

@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import MofNCompleteColumn
 
 from ....base.block_runner import WHOLE
 from ....base.files import write_json
@@ -25,7 +16,7 @@ from ....interop.batch.job import JOB_ENTRIES
 from ....interop.batch.planning import sensor_table
 from .._declarations import DocumentedCommand, file_entries, part
 from .._output import (
-    is_quiet,
+    count_bar,
     json_option,
     output_console,
     plain_table,
@@ -118,7 +109,7 @@ def run_command(
 ) -> None:
     """Compute the pending outputs of JOB; a repeated command continues."""
     own_part = WHOLE if part_text is None else part(part_text)
-    with _progress() as on_progress:
+    with count_bar("Processing", MofNCompleteColumn()) as on_progress:
         result = run(
             load_job(job, changes),
             part=own_part,
@@ -174,21 +165,3 @@ def _duration(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar of outputs on terminals, and yield its update function."""
-    console = Console(stderr=True, quiet=is_quiet())
-    bar = Progress(
-        TextColumn("Processing"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-    with bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

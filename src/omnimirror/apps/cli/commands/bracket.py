@@ -34,6 +34,7 @@ from .._declarations import (
 from .._output import (
     IMAGE_FORMATS,
     column_head,
+    count_bar,
     json_option,
     output_console,
     output_option,
@@ -41,7 +42,7 @@ from .._output import (
     print_line,
     print_written,
 )
-from .._scene_options import SceneOptions, percentage_bar, pose
+from .._scene_options import SceneOptions, pose
 
 
 @dataclass(frozen=True)
@@ -212,7 +213,7 @@ def render(
         plan_bracket(camera).focus_mm if rendering.focus_mm is None else rendering.focus_mm
     ):
         path = output / f"{focus:.1f}mm.png"
-        with percentage_bar("Exposing") as progress:
+        with count_bar("Exposing") as progress:
             light = expose(
                 focused_at(camera, float(focus)),
                 posed,

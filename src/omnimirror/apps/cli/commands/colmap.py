@@ -29,8 +29,14 @@ from .._declarations import (
     option,
     setting,
 )
-from .._output import json_option, output_console, plain_table, print_line, print_written
-from .._scene_options import percentage_bar
+from .._output import (
+    count_bar,
+    json_option,
+    output_console,
+    plain_table,
+    print_line,
+    print_written,
+)
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ def command(
         orientation.report_video(images[0])
     else:
         orientation.report(expand_inputs(images))
-    with percentage_bar("Dewarping") as progress:
+    with count_bar("Dewarping") as progress:
         project = write_colmap(
             load_camera(camera),
             images,

@@ -43,6 +43,7 @@ from .._declarations import (
 )
 from .._output import (
     IMAGE_FORMATS,
+    count_bar,
     json_option,
     output_console,
     output_option,
@@ -56,7 +57,6 @@ from .._scene_options import (
     RenderingOptions,
     SceneOptions,
     TrajectoryOptions,
-    percentage_bar,
     pose,
 )
 
@@ -194,7 +194,7 @@ def _render_image(
 
         check_exr_can_be_written(output)
     readout = None if is_light or panorama is not None else Readout(detector, rendering.seed)
-    with percentage_bar("Rendering") as progress:
+    with count_bar("Rendering") as progress:
         light = render_light(
             camera,
             scene,
@@ -254,7 +254,7 @@ def _render_video(
 
     assert trajectory.path is not None
     done = 0
-    with percentage_bar("Rendering frames") as progress:
+    with count_bar("Rendering frames") as progress:
 
         def on_frame(frame: Any, total: int) -> None:
             nonlocal done
@@ -438,7 +438,7 @@ def _write_calibration_dataset(output: Path, recipe: CalibrationRecipe) -> None:
     from ....simulation.datasets import write_calibration_dataset
 
     views, done = recipe.views, 0
-    with percentage_bar("Rendering images") as progress:
+    with count_bar("Rendering images") as progress:
         try:
             for number, _ in enumerate(write_calibration_dataset(recipe, output), start=1):
                 done = min(number, views)
@@ -453,7 +453,7 @@ def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
     from ....simulation.datasets import write_video_dataset
 
     done = 0
-    with percentage_bar("Rendering frames") as progress:
+    with count_bar("Rendering frames") as progress:
 
         def report(number: int, total: int) -> None:
             nonlocal done
@@ -524,7 +524,7 @@ def training(
         load_path(trajectory.path),
         trajectory.moving(),
     )
-    with percentage_bar("Rendering frames") as progress:
+    with count_bar("Rendering frames") as progress:
         try:
             shards = write_training_dataset(
                 camera,
