@@ -71,8 +71,8 @@ def test_every_block_has_one_outcome(kind, tmp_path):
         outcomes = list(run_blocks(blocks, workers, QUICK))
     assert squares(outcomes) == [n * n for n in range(9)]
     assert len(list(tmp_path.iterdir())) == sum(1 + n % 3 for n in range(9))
-    own = {outcome.result[1] for outcome in outcomes} == {os.getpid()}
-    assert own == (kind == "threads")
+    is_own_process = {outcome.result[1] for outcome in outcomes} == {os.getpid()}
+    assert is_own_process == (kind == "threads")
 
 
 @pytest.mark.parametrize("kind", POOLS)
@@ -83,12 +83,12 @@ def test_permanent_and_repeated_errors_are_reported(kind, tmp_path):
         Square(2, tmp_path, failures=9, error=ZeroDivisionError),
     ]
     with POOLS[kind]() as workers:
-        found = {o.block.number: o.error for o in run_blocks(blocks, workers, QUICK)}
-    assert [type(found[n]) for n in (0, 1)] == [TimeoutError, MediaError]
+        errors = {o.block.number: o.error for o in run_blocks(blocks, workers, QUICK)}
+    assert [type(errors[n]) for n in (0, 1)] == [TimeoutError, MediaError]
     if kind == "threads":
-        assert isinstance(found[2], ZeroDivisionError)
+        assert isinstance(errors[2], ZeroDivisionError)
     else:
-        assert str(found[2]) == "square-2 failed on a worker: ZeroDivisionError: busy"
+        assert str(errors[2]) == "square-2 failed on a worker: ZeroDivisionError: busy"
     assert [len(list(tmp_path.glob(f"{n}-*"))) for n in range(3)] == [3, 1, 1]
 
 
@@ -109,8 +109,8 @@ def test_unpicklable_block_is_reported():
     assert "pickle" in str(outcome.error)
 
 
-def test_few_blocks_are_taken_ahead():
-    taken, gate = [], threading.Event()
+def test_number_of_prefetched_blocks_is_limited():
+    numbers, gate = [], threading.Event()
 
     @dataclass(frozen=True)
     class Waiting:
@@ -122,7 +122,7 @@ def test_few_blocks_are_taken_ahead():
 
     def source():
         for number in range(50):
-            taken.append(number)
+            numbers.append(number)
             yield Waiting(number)
 
     with workers_in_threads(2) as workers:
@@ -130,14 +130,14 @@ def test_few_blocks_are_taken_ahead():
         first = threading.Thread(target=lambda: next(outcomes))
         first.start()
         time.sleep(3 * block_runner.interrupts.POLL_S)
-        assert len(taken) == 2 * AHEAD
+        assert len(numbers) == 2 * AHEAD
         gate.set()
         first.join()
         assert len(list(outcomes)) == 49
 
 
-def test_outcomes_in_order_keep_few_blocks():
-    taken, gate = [], threading.Event()
+def test_number_of_blocks_ahead_of_ordered_outcomes_is_limited():
+    numbers, gate = [], threading.Event()
 
     @dataclass(frozen=True)
     class Waiting:
@@ -151,7 +151,7 @@ def test_outcomes_in_order_keep_few_blocks():
 
     def source():
         for number in range(40):
-            taken.append(number)
+            numbers.append(number)
             yield Waiting(number)
 
     with workers_in_threads(2) as workers:
@@ -159,7 +159,7 @@ def test_outcomes_in_order_keep_few_blocks():
         opening = threading.Timer(3 * block_runner.interrupts.POLL_S, gate.set)
         opening.start()
         results = [next(outcomes).value()]
-        assert len(taken) <= 2 * AHEAD + 1  # the others waited for the first one
+        assert len(numbers) <= 2 * AHEAD + 1  # the others waited for the first one
         results += [outcome.value() for outcome in outcomes]
     assert results == list(range(40))
 
@@ -194,15 +194,15 @@ def test_parts_are_disjoint_and_complete():
 
 
 def test_delays_double_up_to_a_limit(monkeypatch):
-    slept = []
-    monkeypatch.setattr(block_runner.time, "sleep", slept.append)
+    delays = []
+    monkeypatch.setattr(block_runner.time, "sleep", delays.append)
 
     def fail():
         raise ConnectionError("reset")
 
     with pytest.raises(ConnectionError):
         Retries(attempts=6, delay_s=1.0, max_delay_s=5.0).call(fail)
-    assert slept == [1.0, 2.0, 4.0, 5.0, 5.0]
+    assert delays == [1.0, 2.0, 4.0, 5.0, 5.0]
     assert not is_transient(PermissionError())
 
 

@@ -12,13 +12,13 @@ from omnimirror.base.caching import cached_property
 class Link:
     """Two values of the same kind of object; each depends on the other value of the next object."""
 
-    def __init__(self, further: Link | None = None, begun: Barrier | None = None) -> None:
-        self.further, self.begun, self.times = further, begun, 0
+    def __init__(self, further: Link | None = None, barrier: Barrier | None = None) -> None:
+        self.further, self.barrier, self.times = further, barrier, 0
 
     def _value(self, of_further: Callable[[Link], int]) -> int:
         self.times += 1
-        if self.begun:
-            self.begun.wait(60)
+        if self.barrier:
+            self.barrier.wait(60)
         return 1 + of_further(self.further) if self.further else 0
 
     @cached_property
@@ -31,15 +31,18 @@ class Link:
         return self._value(lambda further: further.left)
 
 
-def in_threads(*acts: Callable[[], object]) -> list[object]:
+def in_threads(*functions: Callable[[], object]) -> list[object]:
     """Return the results of functions, each run in a thread; a deadlock yields no result."""
-    found: list[object] = []
-    threads = [Thread(target=lambda act=act: found.append(act()), daemon=True) for act in acts]
+    results: list[object] = []
+    threads = [
+        Thread(target=lambda function=function: results.append(function()), daemon=True)
+        for function in functions
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join(120)
-    return found
+    return results
 
 
 def test_cached_property_computes_once_and_keeps_docstring():
@@ -50,20 +53,20 @@ def test_cached_property_computes_once_and_keeps_docstring():
 
 def test_cached_properties_of_two_threads_do_not_deadlock():
     """Both start before either continues: one lock per value of the class would deadlock."""
-    begun = Barrier(2)
-    one, two = Link(Link(), begun), Link(Link(), begun)
+    barrier = Barrier(2)
+    one, two = Link(Link(), barrier), Link(Link(), barrier)
     assert in_threads(lambda: one.left, lambda: two.right) == [1, 1]
 
 
 def test_sensors_are_thread_safe():
     names = ["folded-hyperboloidal", "paper-spherical", "folded-spherical", "paper-equidistant"] * 2
     sensors = [om.load_sensor(name) for name in names]
-    begun = Barrier(len(sensors))
+    barrier = Barrier(len(sensors))
 
     def field(sensor: om.Sensor) -> tuple[str, float, float]:
-        begun.wait(60)
+        barrier.wait(60)
         return sensor.name, sensor.meridian.omega_min, sensor.meridian.omega_max
 
-    found = in_threads(*(lambda sensor=sensor: field(sensor) for sensor in sensors))
-    assert len(found) == len(sensors)
-    assert len(set(found)) == len(set(names))
+    fields = in_threads(*(lambda sensor=sensor: field(sensor) for sensor in sensors))
+    assert len(fields) == len(sensors)
+    assert len(set(fields)) == len(set(names))

@@ -133,29 +133,29 @@ def test_c_source_contains_all_names(tmp_path):
         str(tmp_path / "a"),
     ]
     subprocess.run([*gcc, str(source)], check=True, capture_output=True)
-    *printed, count = subprocess.run(
-        [tmp_path / "a"], check=True, capture_output=True
-    ).stdout.split(b"\0")
+    *texts, count = subprocess.run([tmp_path / "a"], check=True, capture_output=True).stdout.split(
+        b"\0"
+    )
     assert int(count) == 2 * len(NAMES)
-    assert printed[:-1] == [text.encode() for text in list(NAMES.values())[:-1]]
+    assert texts[:-1] == [text.encode() for text in list(NAMES.values())[:-1]]
     assert escaping.c_string("a\udcff") == '"a\\377"'
 
 
-def test_shells_parse_every_name_as_one_word(tmp_path):
-    words = [text for text in NAMES.values() if "\ud800" not in text]
-    command = escaping.shell_command(["printf", "%s\\0", *words, "\udcff", "", "a\n", "-n"])
+def test_shells_parse_every_name_as_one_argument(tmp_path):
+    arguments = [text for text in NAMES.values() if "\ud800" not in text]
+    command = escaping.shell_command(["printf", "%s\\0", *arguments, "\udcff", "", "a\n", "-n"])
     for shell in ("dash", "bash"):
-        ran = subprocess.run(
+        run = subprocess.run(
             [shell], input=command.encode(), capture_output=True, cwd=tmp_path, check=True
         )
-        assert ran.stdout.split(b"\0")[:-1] == [
-            *(w.encode() for w in words),
+        assert run.stdout.split(b"\0")[:-1] == [
+            *(w.encode() for w in arguments),
             b"\xff",
             b"",
             b"a\n",
             b"-n",
         ]
-        assert not ran.stderr
+        assert not run.stderr
     assert not list(tmp_path.iterdir())
     assert escaping.escape_invisible(command, keep="\n") == command
 
@@ -182,21 +182,21 @@ class Elements(HTMLParser):
 @pytest.mark.parametrize("name", NAMES)
 def test_markup_and_data_contain_name(name):
     text = NAMES[name]
-    shown = escaping.escape_invisible(text, keep="\n\t")
+    escaped = escaping.escape_invisible(text, keep="\n\t")
     page = Elements(f'<i title="{escaping.html_text(text)}">{escaping.html_text(text)}</i>')
-    assert (page.elements, page.text, page.attributes) == (["i"], shown, {"title": shown})
+    assert (page.elements, page.text, page.attributes) == (["i"], escaped, {"title": escaped})
     root = ElementTree.fromstring(
         f"<i title='{escaping.xml_text(text)}'>{escaping.xml_text(text)}</i>".encode()
     )
-    assert (root.text, len(root)) == (shown, 0)
+    assert (root.text, len(root)) == (escaped, 0)
     assert json.loads(escaping.json_text([text]).encode()) == [text]
     script = Elements(f"<script>{escaping.script_json(escaping.json_text([text]))}</script>")
     assert (script.elements, json.loads(script.text)) == (["script"], [text])
-    kept = re.sub("[\ud800-\udfff]", lambda c: repr(c[0])[1:-1], text)
+    expected = re.sub("[\ud800-\udfff]", lambda c: repr(c[0])[1:-1], text)
     document = f"# {escaping.line_comment(text)}\nname = {escaping.toml_string(text)}\n"
-    assert tomllib.loads(document) == {"name": kept}
+    assert tomllib.loads(document) == {"name": expected}
     quoted = escaping.csv_comment(escaping.toml_string(text))
-    assert tomllib.loads(f"name = {quoted}") == {"name": kept}
+    assert tomllib.loads(f"name = {quoted}") == {"name": expected}
     assert not any(
         re.match(r"\s*[\"']*[=+@-]", cell) for cell in re.split(r"[,;|\t]", f"# name = {quoted}")
     )
@@ -215,9 +215,9 @@ def test_markup_and_data_contain_name(name):
         .parse(f"| a |\n|---|\n| {escaping.markdown_text(text)} |\n\n# h\n")
     )
     assert [t.type for t in tokens].count("td_open") == 1
-    shown = [t for t in tokens if t.type == "inline"][1].children
-    assert {t.type for t in shown} <= {"text", "text_special"}
-    assert "".join(t.content for t in shown) == escaping.label(text).strip()
+    escaped = [t for t in tokens if t.type == "inline"][1].children
+    assert {t.type for t in escaped} <= {"text", "text_special"}
+    assert "".join(t.content for t in escaped) == escaping.label(text).strip()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -239,9 +239,9 @@ def test_drawings_and_programs_contain_name(name):
             parsed(escaped.replace("%%%%%%", "\ue000")).replace("\ue000", "%%") == spaced.rstrip()
         )
     assert escaping.step_string(text).isascii()
-    for shown in (line, escaping.terminal_text(text), escaping.gstreamer_comment(text)):
+    for output in (line, escaping.terminal_text(text), escaping.gstreamer_comment(text)):
         assert not re.search(
-            "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]", shown
+            "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]", output
         )
     assert not re.search(r'["\\]', escaping.gstreamer_comment(text))
     assert len(line) <= escaping.MAX_LABEL
@@ -254,12 +254,12 @@ def test_file_names_are_plain_and_short(name):
     assert re.fullmatch(r"[\w+][\w.+-]*", stem)
     assert len(stem.encode()) <= escaping.MAX_STEM
     header = escaping.http_attachment(f"{NAMES[name]}.csv")
-    whole = re.fullmatch(
+    match = re.fullmatch(
         r"""attachment; filename="([\w.+-]+)"(?:; filename\*=UTF-8\'\'([\w.~%-]+))?""",
         header,
         re.ASCII,
     )
-    assert unquote(whole[2] or whole[1]) == f"{escaping.escape_invisible(NAMES[name])}.csv"
+    assert unquote(match[2] or match[1]) == f"{escaping.escape_invisible(NAMES[name])}.csv"
 
 
 # -- registered writers
@@ -292,22 +292,22 @@ def checked(path: Path, plain: Path, name: str) -> None:
             warned = ["-Wall", "-Wextra", "-Wbidi-chars=any", "-Werror"]
             subprocess.run(["gcc", "-std=c99", *warned, "-fsyntax-only", path], check=True)
     elif kind == ".py":
-        ran = subprocess.run(
+        run = subprocess.run(
             [sys.executable, "-c", STUBS, path], cwd=path.parent, capture_output=True, check=True
         )
-        if ran.stdout:
-            assert set(json.loads(ran.stdout)) == {name}
+        if run.stdout:
+            assert set(json.loads(run.stdout)) == {name}
         if name.isprintable():
             assert readable(name)[:20] in readable(
                 ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
             )
     elif kind == ".sh":
-        theirs, ours = (launched(p) for p in (plain, path))
-        assert len(theirs) == len(ours)
-        shaders = [word for word in ours if word.startswith("fragment=")]
+        plain_output, output = (start_arguments(p) for p in (plain, path))
+        assert len(plain_output) == len(output)
+        shaders = [word for word in output if word.startswith("fragment=")]
         assert [(word.count('"'), "\\" in word) for word in shaders] == [(2, False)]
-        assert [w for w in ours if w not in shaders] == [
-            w for w in theirs if not w.startswith("fragment=")
+        assert [w for w in output if w not in shaders] == [
+            w for w in plain_output if not w.startswith("fragment=")
         ]
     elif kind == ".csv":
         lines = path.read_text("utf-8").splitlines()
@@ -321,13 +321,17 @@ def checked(path: Path, plain: Path, name: str) -> None:
     elif kind == ".svg":
         assert name_of(ElementTree.parse(path)) == name_of(ElementTree.parse(plain))
     elif kind == ".zmx":
-        ours, theirs = (p.read_bytes().decode("utf-16").split("\r\n") for p in (path, plain))
-        assert [line for line in ours if not line.startswith("NAME")] == [
-            x for x in theirs if x[:4] != "NAME"
+        output, plain_output = (
+            p.read_bytes().decode("utf-16").split("\r\n") for p in (path, plain)
+        )
+        assert [line for line in output if not line.startswith("NAME")] == [
+            x for x in plain_output if x[:4] != "NAME"
         ]
     elif kind == ".nc":
-        ours, theirs = (re.sub(r"\([^()]*\)", "", p.read_text("ascii")) for p in (path, plain))
-        assert ours == theirs
+        output, plain_output = (
+            re.sub(r"\([^()]*\)", "", p.read_text("ascii")) for p in (path, plain)
+        )
+        assert output == plain_output
     elif kind == ".dxf":
         document = ezdxf.readfile(path)
         assert not document.audit().errors
@@ -351,8 +355,8 @@ def checked(path: Path, plain: Path, name: str) -> None:
                 "omnimirror:camera", escaping.escape_invisible(name)
             ) == escaping.escape_invisible(name)
     elif kind == ".npz":
-        stored = np.load(path)
-        assert "camera" not in stored or str(stored["camera"]) == name.rstrip("\0")
+        arrays = np.load(path)
+        assert "camera" not in arrays or str(arrays["camera"]) == name.rstrip("\0")
     elif kind == ".json":
         assert json.loads(path.read_bytes()) == json.loads(plain.read_bytes())
     elif kind == ".yml":
@@ -363,33 +367,33 @@ def checked(path: Path, plain: Path, name: str) -> None:
         assert path.read_bytes().startswith(b"%PDF-")
     else:
         assert kind in PLAIN_DATA, f"say in `checked` how files of kind {kind} are parsed"
-        ours, theirs = (
+        output, plain_output = (
             re.sub(rb"^# .*", b"", p.read_bytes(), flags=re.MULTILINE) for p in (path, plain)
         )
-        assert ours == theirs
+        assert output == plain_output
 
 
 def code_of(path: Path) -> str:
     """Return preprocessed C code: without comments, with continued lines joined."""
     text = re.sub(rb"(?m)^#(version|include).*", b"", path.read_bytes())
-    ran = subprocess.run(
+    run = subprocess.run(
         ["gcc", "-std=c99", "-x", "c", "-E", "-P", "-"], input=text, capture_output=True, check=True
     )
-    return ran.stdout.decode().replace(path.stem, "")
+    return run.stdout.decode().replace(path.stem, "")
 
 
-def launched(script: Path) -> list[str]:
+def start_arguments(script: Path) -> list[str]:
     """Return the arguments that the script passes to GStreamer."""
     tool = script.parent / "gst-launch-1.0"
     tool.write_text("#!/bin/sh\nprintf '%s\\0' \"$@\"\n")
     tool.chmod(0o755)
     paths = {"PATH": f"{script.parent}:/usr/bin:/bin"}
-    ran = subprocess.run(
+    run = subprocess.run(
         ["dash", script], env=paths, cwd=script.parent, capture_output=True, check=True
     )
-    assert not ran.stderr
+    assert not run.stderr
     tool.unlink()
-    return ran.stdout.decode().split("\0")
+    return run.stdout.decode().split("\0")
 
 
 def name_of(tree: Any) -> list[str]:
@@ -433,7 +437,7 @@ def figure(kind: str, name: str, folder: Path) -> list[Path]:
 
 
 WRITERS = {export: FORMATS, rays: RAY_FORMATS, maps: MAP_FORMATS, figure: FIGURES}
-ALL = [(write, kind) for write, known in WRITERS.items() for kind in known]
+ALL = [(write, kind) for write, formats in WRITERS.items() for kind in formats]
 EVERYDAY_WRITERS = [
     (write, kind) for write, kind in ALL if write != figure or kind in ("fig4", "fig7")
 ]
@@ -450,9 +454,9 @@ FOLDER = TemporaryDirectory()
 
 def checks(write: Any, kind: str, name: str, folder: Path) -> None:
     """Write files of a hostile and a plain name, and compare them with their readers."""
-    ours, theirs = write(kind, name, folder), plain_files(write, kind)
-    assert len(ours) == len(theirs)
-    for path, plain in zip(ours, theirs, strict=True):
+    output, plain_output = write(kind, name, folder), plain_files(write, kind)
+    assert len(output) == len(plain_output)
+    for path, plain in zip(output, plain_output, strict=True):
         checked(path, plain, name)
     assert not list(folder.rglob(CANARY))
 
@@ -476,8 +480,8 @@ def test_every_writer_accepts_every_name(write, kind, name, tmp_path):
 # ---------------------------------------------
 
 
-def note_of(thing: Any, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
-    paths[0].write_text(f'"""{escaping.python_docstring(thing.name)}"""\n', encoding="utf-8")
+def note_of(mirror: Any, paths: tuple[Path, ...]) -> tuple[str, Deviation]:
+    paths[0].write_text(f'"""{escaping.python_docstring(mirror.name)}"""\n', encoding="utf-8")
     return "a note", Deviation()
 
 
@@ -490,17 +494,17 @@ def export_note(plan: Any, part: Any, path: Path) -> Content:
 def test_external_writers_are_checked(name, tmp_path):
     """Formats registered by other packages are covered by the preceding tests."""
     plugin = ExportFormat(note_of, (".py",), "Python")
-    for write, known, kind in (
+    for write, formats, kind in (
         (rays, RAY_FORMATS, plugin),
         (maps, MAP_FORMATS, plugin),
         (export, FORMATS, Format(export_note, (".note",))),
     ):
-        known.register("a-note", kind)
+        formats.register("a-note", kind)
         try:
-            assert "a-note" in list(known)
+            assert "a-note" in list(formats)
             checks(write, "a-note", EVERYDAY[name], tmp_path / write.__name__)
         finally:
-            known.withdraw("a-note")
+            formats.withdraw("a-note")
             plain_files.cache_clear()
 
 
@@ -518,26 +522,26 @@ HOSTILE_STEMS = (
 @pytest.mark.parametrize(
     "kind", ["c99", "openmv", "gstreamer", "obs", "glsl", "blender", "mitsuba"]
 )
-def test_scripts_find_files_with_any_name(kind, stem, tmp_path):
-    write, known = (
+def test_scripts_read_files_with_any_name(kind, stem, tmp_path):
+    write, formats = (
         (om.write_rays, RAY_FORMATS) if kind in RAY_FORMATS else (om.write_maps, MAP_FORMATS)
     )
     more = {"step": 16} if kind in RAY_FORMATS else {"view": VIEW}
-    path = tmp_path / f"{stem.replace('/', '|')}{known[kind].suffix}"
+    path = tmp_path / f"{stem.replace('/', '|')}{formats[kind].suffix}"
     if kind == "c99" and not re.fullmatch(r'[^"\\\n\u202e\udcff]*', stem):
         with pytest.raises(
             InvalidParameter, match="the file name must not contain quotation marks"
         ):
             write(SMALL, path=path, formats=kind, **more)
         return
-    (done,) = write(SMALL, path=path, formats=kind, **more)
-    script = done.paths[0]
+    (result,) = write(SMALL, path=path, formats=kind, **more)
+    script = result.paths[0]
     if script.suffix == ".py":
         subprocess.run(
             [sys.executable, "-c", STUBS, script], cwd=tmp_path, capture_output=True, check=True
         )
     elif script.suffix == ".sh":
-        assert any("vec2 NODES" in word for word in launched(script))
+        assert any("vec2 NODES" in word for word in start_arguments(script))
     elif script.suffix == ".c":
         subprocess.run(
             ["gcc", "-std=c99", "-Werror", "-fsyntax-only", script.absolute()], check=True
@@ -556,10 +560,10 @@ def test_external_mirror_kind_is_escaped(kind, tmp_path):
     path = tmp_path / f"same{FORMATS[kind].suffixes[0]}"
     files = om.export(replace(SMALL, mirror=hostile, name=PLAIN), path, formats=[kind])
     if kind == "zmx":
-        ours, theirs = (
+        output, plain_output = (
             p.read_bytes().decode("utf-16") for p in (files[0].path, plain_files(export, kind)[0])
         )
-        assert ours.count("\n") == theirs.count("\n")
+        assert output.count("\n") == plain_output.count("\n")
     else:
         checked(files[0].path, plain_files(export, kind)[0], PLAIN)
 
@@ -574,15 +578,15 @@ def test_camera_file_round_trip_keeps_name(kind, name, tmp_path):
         )
         if camera is None:
             continue
-        ours, theirs = (layout.write(camera, each) for each in (NAMES[name], PLAIN))
-        if isinstance(ours, bytes):
-            assert len(ours) >= len(theirs)
+        output, plain_output = (layout.write(camera, each) for each in (NAMES[name], PLAIN))
+        if isinstance(output, bytes):
+            assert len(output) >= len(plain_output)
         else:
-            assert ours.count("\n") == theirs.count("\n")
-            assert escaping.escape_invisible(ours, keep="\n\t") == ours
+            assert output.count("\n") == plain_output.count("\n")
+            assert escaping.escape_invisible(output, keep="\n\t") == output
         if kind in ("ros", "camodocal"):
-            ours = ours.removeprefix("%YAML:1.0\n")  # directive of OpenCV
-            assert yaml.safe_load(ours)["camera_name"] == escaping.escape_invisible(NAMES[name])
+            output = output.removeprefix("%YAML:1.0\n")  # directive of OpenCV
+            assert yaml.safe_load(output)["camera_name"] == escaping.escape_invisible(NAMES[name])
 
 
 CAMERAS = (
@@ -618,8 +622,8 @@ def test_pages_hold_names_as_text(name, tmp_path, monkeypatch):
         files = (tmp_path / "demo" / "report.html", tmp_path / "comparison.html")
         return [*(file.read_text("utf-8") for file in files), sensor_card(sensor), view]
 
-    for ours, theirs in zip(pages(EVERYDAY[name]), pages(PLAIN), strict=True):
-        (page, plain) = Elements(ours), Elements(theirs)
+    for output, plain_output in zip(pages(EVERYDAY[name]), pages(PLAIN), strict=True):
+        (page, plain) = Elements(output), Elements(plain_output)
         assert page.elements == plain.elements
         assert page.attributes.keys() == plain.attributes.keys()
 
@@ -636,9 +640,9 @@ def test_terminal_obeys_no_control_sequences(name, tmp_path):
         encoding="utf-8",
     )
     assert om.load_sensor(file).name == NAMES[name]
-    done = omnimirror("compare", file, "paper-spherical")
-    assert done.returncode == 0, done.stderr
-    assert escaping.escape_invisible(done.stdout, keep="\n\t ") == done.stdout
+    run = omnimirror("compare", file, "paper-spherical")
+    assert run.returncode == 0, run.stderr
+    assert escaping.escape_invisible(run.stdout, keep="\n\t ") == run.stdout
 
 
 def test_sensor_file_name_is_not_executed(tmp_path):
@@ -648,13 +652,13 @@ def test_sensor_file_name_is_not_executed(tmp_path):
         tomli_w.dumps(om.optics.sensor_files.tables_of(SMALL) | {"name": NAMES["python"]})
     )
     view = ("--view", "perspective", "--hfov-deg", 60, "--size", "64x48")
-    for words in (
+    for arguments in (
         ("rays", "--format", "mitsuba"),
         ("rays", "--format", "blender"),
         ("maps", "--format", "openmv", *view),
     ):
-        done = omnimirror(*words, tmp_path / "a.toml", "-o", tmp_path / "out")
-        assert done.returncode == 0, done.stderr
+        run = omnimirror(*arguments, tmp_path / "a.toml", "-o", tmp_path / "out")
+        assert run.returncode == 0, run.stderr
     scripts = list((tmp_path / "out").glob("*.py"))
     assert len(scripts) == 3
     for script in scripts:

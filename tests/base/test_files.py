@@ -41,13 +41,13 @@ def test_atomic_output_is_complete_or_absent(tmp_path):
     path = tmp_path / "new" / "folders" / "table.csv"
     write_text(path, "first")
 
-    def stop_half_way():
+    def interrupt():
         with atomic_output(path) as temporary:
             temporary.write_text("sec")
             raise RuntimeError("half way")
 
     with pytest.raises(RuntimeError, match="half way"):
-        stop_half_way()
+        interrupt()
     assert path.read_text() == "first"
     assert [p.name for p in path.parent.iterdir()] == ["table.csv"]
 
@@ -194,7 +194,7 @@ def test_only_regular_files_of_limited_size_are_read(tmp_path):
     with open_file(tmp_path / "fits") as file:
         assert file.read() == b"12345"
     check_file(tmp_path / "fits", 5, 1)  # no archive
-    for name, most, reason in [
+    for name, limit, reason in [
         (tmp_path / "pipe", 5, "pipe or a device"),
         ("/dev/zero", 5, "pipe or a device"),
         (tmp_path / "huge", MAX_TEXT_BYTES, "the file must be at most 64 MB; got 1048576 MB"),
@@ -205,7 +205,7 @@ def test_only_regular_files_of_limited_size_are_read(tmp_path):
         ("a\0b", 5, "the name must not contain null characters"),
     ]:
         with pytest.raises(OSError, match=reason):
-            read_bytes(name, most)
+            read_bytes(name, limit)
 
 
 def test_generated_files_are_limited_to_1_mb(tmp_path, monkeypatch):
@@ -284,13 +284,13 @@ def test_compressed_data_is_limited():
     packed = zlib.compress(bytes(1000))
     assert decompress(packed, 2000) == bytes(1000)
     assert decompress(packed, 1000) == decompress(gzip.compress(bytes(1000)), 1000) == bytes(1000)
-    for data, most, reason in [
+    for data, limit, reason in [
         (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
         (packed[:-5], 1000, "truncated data"),
         (b"x" + packed, 1000, "damaged data"),
     ]:
         with pytest.raises(ValueError, match=reason):
-            decompress(data, most)
+            decompress(data, limit)
 
 
 NESTED = {
@@ -325,7 +325,7 @@ def test_nesting_is_limited_to_32_levels(kind):
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         (
             "a: &x [1, 2]\nb: *x\n",
@@ -345,8 +345,8 @@ def test_nesting_is_limited_to_32_levels(kind):
         ),
     ],
 )
-def test_yaml_has_limits(text, sentence):
-    with pytest.raises(SpecError, match=sentence):
+def test_yaml_has_limits(text, message):
+    with pytest.raises(SpecError, match=message):
         compose_yaml(text, "a.yaml")
 
 
@@ -357,7 +357,7 @@ def test_yaml_within_limits_is_parsed():
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         (
             "#" + "x" * (4 << 20),
@@ -369,8 +369,8 @@ def test_yaml_within_limits_is_parsed():
         ("a = ", r"a\.toml must be valid TOML: Invalid value \(at end of document\)"),
     ],
 )
-def test_toml_has_limits(text, sentence):
-    with pytest.raises(SpecError, match=sentence):
+def test_toml_has_limits(text, message):
+    with pytest.raises(SpecError, match=message):
         parse_toml(text, "a.toml")
 
 
@@ -387,17 +387,17 @@ def test_tables_of_a_file_are_counted(tmp_path):
     for count in (1, 3):
         path.write_text("".join(f"[v{i}]\nx = {i}\n" for i in range(count)))
         assert read_tables(path, "view", "views", 3) == {f"v{i}": {"x": i} for i in range(count)}
-    for text, sentence in [
+    for text, message in [
         ("", r"views\.toml must contain 1 to 3 views; got 0"),
         ("[a]\n[b]\n[c]\n[d]\n", r"views\.toml must contain 1 to 3 views; got 4"),
         ("[a]\n[b]\n[c]\n[a.d]\n", None),
         ("b = 3\n[a]\n", r"views\.toml: the view b must be a table \[b\]; got 3"),
     ]:
         path.write_text(text)
-        if sentence is None:
+        if message is None:
             assert read_tables(path, "view", "views", 3)["a"] == {"d": {}}
             continue
-        with pytest.raises(SpecError, match=sentence):
+        with pytest.raises(SpecError, match=message):
             read_tables(path, "view", "views", 3)
     with pytest.raises(SpecError, match=r"path must be an existing file of views; got '.*none'"):
         read_tables(tmp_path / "none", "view", "views", 3)
@@ -411,64 +411,64 @@ def test_commands_reject_pipes_and_devices(kind, tmp_path):
     from omnimirror.apps.cli import app
     from omnimirror.io import write_image
 
-    endless = "/dev/zero" if kind == "zero" else str(tmp_path / "pipe")
+    pipe = "/dev/zero" if kind == "zero" else str(tmp_path / "pipe")
     if kind == "pipe":
-        os.mkfifo(endless)
+        os.mkfifo(pipe)
 
     def named(suffix: str) -> str:
         """Return a link to the file with a suffix of a format."""
         link = tmp_path / f"endless{suffix}"
         if not link.is_symlink():
-            link.symlink_to(endless)
+            link.symlink_to(pipe)
         return str(link)
 
     (tmp_path / "s.toml").write_text(
-        f'[mirror]\nkind = "sampled"\nprofile_csv = "{endless}"\n[lens]\n[imager]\n'
+        f'[mirror]\nkind = "sampled"\nprofile_csv = "{pipe}"\n[lens]\n[imager]\n'
     )
     (tmp_path / "w.toml").write_text(
-        f'[field]\nomega_max_deg = 90\n[mirror]\nmapping_csv = "{endless}"\nrim_radius_mm '
+        f'[field]\nomega_max_deg = 90\n[mirror]\nmapping_csv = "{pipe}"\nrim_radius_mm '
         "= 40\n[lens]\ntheta_max_deg = 12\n"
     )
     (tmp_path / "m.toml").write_text(f'[[measured]]\nname = "a"\nfile = "{named(".x3p")}"\n')
     (tmp_path / "p.toml").write_text(f'[[lens]]\nname = "a"\nfile = "{named(".zmx")}"\n')
-    (tmp_path / "a.obj").write_text(f"mtllib {endless}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    picture, out = str(tmp_path / "a.png"), str(tmp_path / "b.png")
-    write_image(picture, np.zeros((8, 8, 3), np.uint8))
-    for words in (
-        ["evaluate", endless],
+    (tmp_path / "a.obj").write_text(f"mtllib {pipe}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    image, out = str(tmp_path / "a.png"), str(tmp_path / "b.png")
+    write_image(image, np.zeros((8, 8, 3), np.uint8))
+    for arguments in (
+        ["evaluate", pipe],
         ["evaluate", str(tmp_path / "s.toml")],
         ["evaluate", "paper-spherical", "--lens", named(".zmx")],
-        ["design", endless],
+        ["design", pipe],
         ["design", str(tmp_path / "w.toml")],
-        ["design", "--like", endless],
-        ["parts", "paper-spherical", endless],
+        ["design", "--like", pipe],
+        ["parts", "paper-spherical", pipe],
         ["parts", "paper-spherical", str(tmp_path / "p.toml")],
-        ["check", endless, "paper-spherical"],
-        ["tolerance", "paper-spherical", endless],
+        ["check", pipe, "paper-spherical"],
+        ["tolerance", "paper-spherical", pipe],
         ["tolerance", "paper-spherical", str(tmp_path / "m.toml")],
         ["form", "paper-spherical", named(".dat")],
         ["form", "paper-spherical", named(".x3p")],
         ["form", "paper-spherical", named(".csv")],
-        ["convert", endless, "-o", str(tmp_path / "b.toml")],
-        ["uncertainty", endless],
-        ["calibrate", "--points", endless, "--image-size", "64x64"],
-        ["lines", "--lines", endless, "--image-size", "64x64"],
-        ["colmap", "paper-spherical", picture, "--poses", endless, "-o", out],
-        ["dewarp", picture, "--sensor", endless, "-o", out],
-        ["dewarp", endless, "--sensor", "paper-spherical", "-o", out],
+        ["convert", pipe, "-o", str(tmp_path / "b.toml")],
+        ["uncertainty", pipe],
+        ["calibrate", "--points", pipe, "--image-size", "64x64"],
+        ["lines", "--lines", pipe, "--image-size", "64x64"],
+        ["colmap", "paper-spherical", image, "--poses", pipe, "-o", out],
+        ["dewarp", image, "--sensor", pipe, "-o", out],
+        ["dewarp", pipe, "--sensor", "paper-spherical", "-o", out],
         ["dewarp", named(".mp4"), "--ball", "4,4,3,300", "-o", str(tmp_path / "b.mp4")],
         ["dewarp", named(".mcap"), "--ball", "4,4,3,300", "-o", str(tmp_path / "b.mcap")],
         ["simulate", "paper-spherical", "--scene", named(".png"), "-o", out],
         ["simulate", "paper-spherical", "--scene", named(".obj"), "-o", out],
         ["simulate", "paper-spherical", "--scene", str(tmp_path / "a.obj"), "-o", out],
-        ["rim", endless],
+        ["rim", pipe],
     ):
-        run = CliRunner().invoke(app, words)
-        assert run.exit_code != 0, words
-        assert "a pipe or a device" in str(run.exception), (words, run.output, run.exception)
+        run = CliRunner().invoke(app, arguments)
+        assert run.exit_code != 0, arguments
+        assert "a pipe or a device" in str(run.exception), (arguments, run.output, run.exception)
 
 
-def test_symbolic_link_is_kept_and_target_replaced(tmp_path):
+def test_symbolic_link_remains_and_its_target_is_replaced(tmp_path):
     (tmp_path / "far").mkdir()
     target = tmp_path / "far" / "table.csv"
     target.write_text("old")
@@ -483,9 +483,9 @@ def test_symbolic_link_is_kept_and_target_replaced(tmp_path):
     assert target.read_text() == "new"
     assert target.stat().st_ino != before  # replaced atomically, never partially written
     assert stat.S_IMODE(target.stat().st_mode) == 0o640
-    dangling = tmp_path / "dangling"
-    dangling.symlink_to(tmp_path / "far" / "made.csv")
-    write_text(dangling, "made")
+    broken_link = tmp_path / "dangling"
+    broken_link.symlink_to(tmp_path / "far" / "made.csv")
+    write_text(broken_link, "made")
     assert (tmp_path / "far" / "made.csv").read_text() == "made"
     assert sorted(p.name for p in (tmp_path / "far").iterdir()) == ["made.csv", "table.csv"]
 
@@ -500,12 +500,12 @@ def test_circular_link_raises(tmp_path):
 def test_pipes_and_devices_are_written_directly(tmp_path):
     pipe = tmp_path / "pipe.csv"
     os.mkfifo(pipe)
-    got = []
-    reader = threading.Thread(target=lambda: got.append(pipe.read_text()))
+    texts = []
+    reader = threading.Thread(target=lambda: texts.append(pipe.read_text()))
     reader.start()
     write_text(pipe, "rows")
     reader.join()
-    assert got == ["rows"]
+    assert texts == ["rows"]
     assert stat.S_ISFIFO(pipe.lstat().st_mode)
     device = os.stat(os.devnull).st_rdev
     write_text(os.devnull, "nothing")
@@ -585,9 +585,9 @@ def test_leftovers_of_killed_runs_only_are_removed(tmp_path):
     for name in (output, tmp_path / "other.mp4"):
         run = subprocess.run([sys.executable, "-c", KILLED, name], check=False)
         assert run.returncode == -signal.SIGKILL
-    left = {p.name for p in tmp_path.iterdir()}
-    assert len(left) == 2
-    theirs = [
+    leftovers = {p.name for p in tmp_path.iterdir()}
+    assert len(leftovers) == 2
+    foreign_files = [
         ".out-abcdefgh.mp4",
         ".out.omnimirror-abcdefg.mp4",
         ".out.omnimirror-abcdefghi.mp4",
@@ -595,57 +595,57 @@ def test_leftovers_of_killed_runs_only_are_removed(tmp_path):
         ".out.omnimirror-abcdefgh.mov",
         "out.mov",
     ]
-    for name in theirs:
+    for name in foreign_files:
         (tmp_path / name).write_text("precious")
     (tmp_path / ".out.omnimirror-pointing.mp4").symlink_to("out.mov")  # of this user, but no file
     os.mkfifo(tmp_path / ".out.omnimirror-pipeline.mp4")
-    theirs += [".out.omnimirror-pointing.mp4", ".out.omnimirror-pipeline.mp4"]
-    with atomic_output(output) as living:
-        living.write_text("mine")
+    foreign_files += [".out.omnimirror-pointing.mp4", ".out.omnimirror-pipeline.mp4"]
+    with atomic_output(output) as temporary:
+        temporary.write_text("mine")
         write_text(output, "theirs")  # another run with the same output
-        assert living.read_text() == "mine"
+        assert temporary.read_text() == "mine"
     assert output.read_text() == "mine"
-    others = {name for name in left if name.startswith(".other.")}
-    assert {p.name for p in tmp_path.iterdir()} == {"out.mp4", *others, *theirs}
+    others = {name for name in leftovers if name.startswith(".other.")}
+    assert {p.name for p in tmp_path.iterdir()} == {"out.mp4", *others, *foreign_files}
 
 
-def test_leftovers_are_rescued_under_another_name(tmp_path):
-    """With the permissions of a new file, or those of the file that is replaced."""
-    output, rescued = tmp_path / ("x" * 70 + "ü.mp4"), tmp_path / "rescued.mp4"
+def test_leftovers_are_renamed_on_request(tmp_path):
+    """The renamed file has the permissions of a new file or of the replaced file."""
+    output, recovered = tmp_path / ("x" * 70 + "ü.mp4"), tmp_path / "recovered.mp4"
     (tmp_path / "new").write_text("")
     for mode in (stat.S_IMODE((tmp_path / "new").stat().st_mode), 0o640):
         with atomic_output(output) as temporary:
             pass
         assert temporary.name.startswith("." + "x" * 60 + ".omnimirror-")
         temporary.write_text("half")
-        offered: list[Path] = []
+        paths: list[Path] = []
 
-        def rescue(path, offered=offered):
-            offered.append(path)
-            return rescued
+        def rescue(path, paths=paths):
+            paths.append(path)
+            return recovered
 
-        with atomic_output(output, rescue) as living:
-            living.write_text("whole")
-        assert offered == [temporary]
-        assert (rescued.read_text(), output.read_text()) == ("half", "whole")
-        assert stat.S_IMODE(rescued.stat().st_mode) == mode
-        rescued.chmod(0o640)
+        with atomic_output(output, rescue) as temporary_output:
+            temporary_output.write_text("whole")
+        assert paths == [temporary]
+        assert (recovered.read_text(), output.read_text()) == ("half", "whole")
+        assert stat.S_IMODE(recovered.stat().st_mode) == mode
+        recovered.chmod(0o640)
 
 
-def test_leftovers_of_other_owners_are_kept(tmp_path, monkeypatch):
+def test_leftovers_of_other_owners_are_not_removed(tmp_path, monkeypatch):
     output = tmp_path / "out.mp4"
     assert (
         subprocess.run([sys.executable, "-c", KILLED, output], check=False).returncode
         == -signal.SIGKILL
     )
-    (left,) = tmp_path.iterdir()
+    (leftover,) = tmp_path.iterdir()
     user = os.geteuid()
     with monkeypatch.context() as patch:
         patch.setattr(os, "geteuid", lambda: user + 1)
         write_text(output, "mine")
-    assert left.read_text() == "half"
+    assert leftover.read_text() == "half"
     write_text(output, "mine")
-    assert not left.exists()
+    assert not leftover.exists()
 
 
 @pytest.mark.parametrize(
@@ -669,11 +669,11 @@ def test_xml_within_limits_is_parsed():
     assert [root.tag, *(child.tag for child in root)] == ["a", "b", "c"]
     space = (4 << 20) - len("<a></a>")
     assert files.parse_xml(f"<a>{' ' * space}</a>", "file").tag == "a"
-    for text, sentence in [
+    for text, message in [
         (f"<a>{' ' * (space + 1)}</a>", "file must be at most 4 MB; got 5 MB"),
         ("<!DOCTYPE a><a/>", "must not declare a document type or entities; remove <!DOCTYPE"),
         ("<!ENTITY b 'c'><a/>", "must not declare a document type or entities; remove <!DOCTYPE"),
         ("<a>\ud800</a>", "^file must be valid XML: "),
     ]:
-        with pytest.raises(SpecError, match=sentence):
+        with pytest.raises(SpecError, match=message):
             files.parse_xml(text, "file")

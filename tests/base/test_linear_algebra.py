@@ -19,10 +19,10 @@ def test_matrix_product_in_blocks(rows, shape, kind):
         rng.normal(size=(rows, shape[0])).astype(kind),
         rng.normal(size=shape).astype(kind),
     )
-    found = matrix_product(values, matrix)
-    assert found.dtype == kind
+    product = matrix_product(values, matrix)
+    assert product.dtype == kind
     np.testing.assert_allclose(
-        found,
+        product,
         values.astype(float) @ matrix.astype(float),
         rtol=0,
         atol=1e-4 if kind == np.float32 else 1e-12,
@@ -63,5 +63,5 @@ print(others() - before)
 @pytest.mark.skipif(sys.platform != "linux", reason="threads are told by /proc")
 def test_matrix_product_uses_no_other_thread():
     """The plain product would cause hundreds of ticks in busy-waiting threads."""
-    ran = subprocess.run([sys.executable, "-c", IDLE], capture_output=True, text=True, check=True)
-    assert int(ran.stdout) <= 1
+    run = subprocess.run([sys.executable, "-c", IDLE], capture_output=True, text=True, check=True)
+    assert int(run.stdout) <= 1

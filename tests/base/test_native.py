@@ -156,7 +156,7 @@ def test_every_kernel_array_is_checked(name):
     function = dict(functions_of(backend.module))[name]
     recipes = Recipes(Buffers(np.random.default_rng(0)), backend.module)
 
-    def made():
+    def call_arguments():
         bound_and_arguments = getattr(recipes, name.replace(".", "_"))()
         return (
             bound_and_arguments
@@ -164,12 +164,12 @@ def test_every_kernel_array_is_checked(name):
             else (None, bound_and_arguments)
         )
 
-    for argument, value in made()[1].items():
-        places = range(len(value)) if isinstance(value, tuple) else (None,)
-        for place in places:
-            bound, arguments = made()
+    for argument, value in call_arguments()[1].items():
+        indices = range(len(value)) if isinstance(value, tuple) else (None,)
+        for index in indices:
+            bound, arguments = call_arguments()
             value = arguments[argument]
-            array = value if place is None else value[place]
+            array = value if index is None else value[index]
             is_unused = (name, argument) == (
                 "PackedMap.sample",
                 "coordinates",
@@ -178,15 +178,18 @@ def test_every_kernel_array_is_checked(name):
             if not isinstance(array, np.ndarray) or array.size == 0 or is_unused:
                 continue
             odd = recipes.b.copy(array, odd=1) if array.itemsize > 1 else array
-            for changed, words in ((odd, "aligned"), (np.array(array)[None], "must have shape")):
+            for changed, message in ((odd, "aligned"), (np.array(array)[None], "must have shape")):
                 if changed is array:
                     continue
-                put = changed if place is None else (*value[:place], changed, *value[place + 1 :])
-                call = {**arguments, argument: put}
-                said = f"{words}|incompatible function arguments"  # for array types with a fixed number of axes
-                with pytest.raises((ValueError, TypeError), match=said) as refusal:
+                replacement = (
+                    changed if index is None else (*value[:index], changed, *value[index + 1 :])
+                )
+                call = {**arguments, argument: replacement}
+                # nanobind reports this for array types with a fixed number of axes
+                pattern = f"{message}|incompatible function arguments"
+                with pytest.raises((ValueError, TypeError), match=pattern) as refusal:
                     function(**call) if bound is None else function(bound, **call)
-                assert "aligned" not in words or refusal.type is ValueError
+                assert "aligned" not in message or refusal.type is ValueError
 
 
 LIMITED_MEMORY_SCRIPT = """
@@ -274,17 +277,17 @@ SHARED = {
 
 def constants_of(text: str) -> dict[str, float]:
     """Return the constants of a source that are numbers, or sums and quotients of numbers."""
-    found = {}
+    constants = {}
     for names in re.findall(r"constexpr (?:int|float|double|int64_t) ([^;{}()]*);", text):
         for one in names.split(","):
             name, _, value = one.partition("=")
             if re.fullmatch(r"[\d\s.e+/*-]+f?", value):
-                found[name.strip()] = float(eval(value.strip().removesuffix("f")))
-    return found
+                constants[name.strip()] = float(eval(value.strip().removesuffix("f")))
+    return constants
 
 
 @pytest.mark.parametrize("file", SHARED)
 def test_compiled_constants_equal_python(file):
-    found = constants_of((SOURCES / file).read_text())
+    constants = constants_of((SOURCES / file).read_text())
     for name, value in SHARED[file].items():
-        assert found[name] == pytest.approx(value, rel=1e-15), name
+        assert constants[name] == pytest.approx(value, rel=1e-15), name

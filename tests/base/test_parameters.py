@@ -39,12 +39,12 @@ def test_message_without_unit():
         Parameter("", 1.0, 5.0).check("index", 7.0)
 
 
-def test_words_are_checked_by_the_choices_only():
+def test_text_is_checked_against_the_choices_only():
     for word in ("rim", ""):
         WORD.check("attachment", word)
-    for wrong in ("vertex", 0.0, ["rim"]):
+    for invalid in ("vertex", 0.0, ["rim"]):
         with pytest.raises(InvalidParameter, match=r"^attachment must be one of rim, ''; got "):
-            WORD.check("attachment", wrong)
+            WORD.check("attachment", invalid)
 
 
 NAMES = ("a", "b", "c")
@@ -72,10 +72,12 @@ def constant(correlation, count):
 )
 def test_covariance_may_be_singular_except_for_rounding(covariance):
     count = len(covariance)
-    found = Uncertainty(NAMES[:count], covariance)
-    assert found.covariance == tuple(map(tuple, covariance))
-    assert found.field_deg is None
-    assert list(found.sigmas.values()) == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-12)
+    uncertainty = Uncertainty(NAMES[:count], covariance)
+    assert uncertainty.covariance == tuple(map(tuple, covariance))
+    assert uncertainty.field_deg is None
+    assert list(uncertainty.sigmas.values()) == pytest.approx(
+        np.sqrt(np.diag(covariance)), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -97,7 +99,7 @@ def test_covariance_may_be_singular_except_for_rounding(covariance):
         (("a",), [[np.inf]], "covariance"),
     ],
 )
-def test_what_is_no_covariance_is_rejected(names, covariance, message):
+def test_invalid_covariance_is_rejected(names, covariance, message):
     with pytest.raises(InvalidParameter, match=message):
         Uncertainty(names, covariance)
 
@@ -106,29 +108,29 @@ def test_what_is_no_covariance_is_rejected(names, covariance, message):
 def test_calibrated_field_is_above_0_and_at_most_180_deg(field_deg, is_valid):
     if is_valid:
         assert Uncertainty(("a",), [[1.0]], field_deg).field_deg == field_deg
-    for wrong in (-0.5, 180.5) if is_valid else (field_deg,):
+    for invalid in (-0.5, 180.5) if is_valid else (field_deg,):
         with pytest.raises(InvalidParameter, match=r"field_deg must be .*180 deg"):
-            Uncertainty(("a",), [[1.0]], wrong)
+            Uncertainty(("a",), [[1.0]], invalid)
 
 
 def test_marginal_sigmas_replace_the_diagonal():
-    found = Uncertainty(("a", "b"), constant(0.5, 2), marginal_sigmas=np.array([0.0, 3.0]))
-    assert found.sigmas == {"a": 0.0, "b": 3.0}
-    assert found.marginal_sigmas == (0.0, 3.0)
-    for wrong in ((1.0,), (1.0, 2.0, 3.0), ((1.0, 2.0),), 1.0):
+    uncertainty = Uncertainty(("a", "b"), constant(0.5, 2), marginal_sigmas=np.array([0.0, 3.0]))
+    assert uncertainty.sigmas == {"a": 0.0, "b": 3.0}
+    assert uncertainty.marginal_sigmas == (0.0, 3.0)
+    for invalid in ((1.0,), (1.0, 2.0, 3.0), ((1.0, 2.0),), 1.0):
         with pytest.raises(
             InvalidParameter,
             match=r"marginal_sigmas must have the shape \(2,\) of names; got shape",
         ):
-            Uncertainty(("a", "b"), constant(0.5, 2), marginal_sigmas=wrong)
-    for wrong in ((1.0, -0.5), (1.0, np.nan)):
+            Uncertainty(("a", "b"), constant(0.5, 2), marginal_sigmas=invalid)
+    for invalid in ((1.0, -0.5), (1.0, np.nan)):
         with pytest.raises(InvalidParameter, match="marginal_sigmas"):
-            Uncertainty(("a", "b"), constant(0.5, 2), marginal_sigmas=wrong)
+            Uncertainty(("a", "b"), constant(0.5, 2), marginal_sigmas=invalid)
 
 
 def test_covariance_of_more_parameters_is_zero_for_exact_ones():
-    found = Uncertainty(("b", "a"), [[4.0, 0.5], [0.5, 9.0]]).of(("a", "x", "b"))
-    assert found.tolist() == [[9.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.5, 0.0, 4.0]]
+    uncertainty = Uncertainty(("b", "a"), [[4.0, 0.5], [0.5, 9.0]]).of(("a", "x", "b"))
+    assert uncertainty.tolist() == [[9.0, 0.0, 0.5], [0.0, 0.0, 0.0], [0.5, 0.0, 4.0]]
     with pytest.raises(
         InvalidParameter, match="parameters of the uncertainty must be from a, x; got b"
     ):

@@ -44,8 +44,8 @@ def test_quantity_name_ends_with_unit(name):
 
 
 def test_quantity_descriptions_are_unique():
-    told = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
-    assert len(set(told)) == len(told)
+    descriptions = [(q.title, q.unit, q.meaning) for q in QUANTITIES.values()]
+    assert len(set(descriptions)) == len(descriptions)
     per_angle = (
         quantities.FIELD_QUANTITIES,
         quantities.DERIVED_QUANTITIES,
@@ -86,7 +86,7 @@ def test_tables_use_quantities():
     assert all(limitable.quantity is QUANTITIES[name] for name, limitable in LIMITABLE.items())
 
 
-def test_quantity_has_same_value_everywhere():
+def test_quantity_has_same_value_in_all_results():
     """A focus merit, a design merit, a row of the comparison and a limit of the same name are
     equal."""
     import omnimirror as om
@@ -107,8 +107,8 @@ def test_quantity_has_same_value_everywhere():
         assert low == pytest.approx(table[name].values[0], rel=1e-9), name
     for name in set(FOCUS_MERITS) & set(DESIGN_MERITS) - {"mean_floored_area_deg2"}:
         best = om.best_focus(sensor, name, omega_deg=angles)
-        there = om.evaluate(sensor, angles, focus_mm=best.focus_mm)
-        assert DESIGN_MERITS[name].value(values_of_evaluation(there)) == pytest.approx(
+        at_focus = om.evaluate(sensor, angles, focus_mm=best.focus_mm)
+        assert DESIGN_MERITS[name].value(values_of_evaluation(at_focus)) == pytest.approx(
             best.value, rel=1e-9
         ), name
 

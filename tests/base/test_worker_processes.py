@@ -23,7 +23,7 @@ def _three_cores(monkeypatch):
     monkeypatch.setattr(worker_processes, "usable_cores", lambda: 3)
 
 
-def where(number: int, seconds: float) -> tuple[int, int]:
+def worker_of(number: int, seconds: float) -> tuple[int, int]:
     """Return a job number and the process that ran it."""
     time.sleep(seconds)
     return number, os.getpid()
@@ -35,7 +35,7 @@ def refusing(number: int) -> int:
     return number
 
 
-def dying_once(number: int, path: str) -> int:
+def process_killed_once(number: int, path: str) -> int:
     """End the first process that calls this, except the main one."""
     if os.getpid() != number:
         try:
@@ -48,12 +48,13 @@ def dying_once(number: int, path: str) -> int:
 
 def test_results_are_returned_in_order():
     with WorkerPool() as spread:
-        found = spread.starmap(where, [(i, 0.3) for i in range(12)])
-        assert [number for number, _ in found] == list(range(12))
-        processes = {process for _, process in found}
+        results = spread.starmap(worker_of, [(i, 0.3) for i in range(12)])
+        assert [number for number, _ in results] == list(range(12))
+        processes = {process for _, process in results}
         assert len(processes) > 1
         assert os.getpid() in processes
-        refit = spread.starmap(where, [(i, 0.0) for i in range(2)])  # the same processes are reused
+        # The same processes are reused.
+        refit = spread.starmap(worker_of, [(i, 0.0) for i in range(2)])
         assert {process for _, process in refit} <= processes
     for process in processes - {os.getpid()}:
         with pytest.raises(ProcessLookupError, match="No such process"):
@@ -63,8 +64,8 @@ def test_results_are_returned_in_order():
 def test_arrays_are_the_same_to_the_bit():
     values = [(np.random.default_rng(i).normal(size=(50, 50)),) for i in range(6)]
     with WorkerPool() as spread:
-        for found, (given,) in zip(spread.starmap(np.linalg.inv, values), values, strict=True):
-            assert (found == np.linalg.inv(given)).all()
+        for inverse, (matrix,) in zip(spread.starmap(np.linalg.inv, values), values, strict=True):
+            assert (inverse == np.linalg.inv(matrix)).all()
 
 
 def test_first_exception_is_raised():
@@ -73,11 +74,11 @@ def test_first_exception_is_raised():
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there are no signals that kill here")
-def test_dead_worker_leaves_no_job_undone(tmp_path):
+def test_jobs_of_a_dead_worker_are_repeated(tmp_path):
     with WorkerPool() as spread:
-        found = spread.starmap(dying_once, [(os.getpid(), str(tmp_path / "died"))] * 40)
-    assert len(found) == 40
-    assert None not in found
+        results = spread.starmap(process_killed_once, [(os.getpid(), str(tmp_path / "died"))] * 40)
+    assert len(results) == 40
+    assert None not in results
 
 
 def test_unpicklable_jobs_run_in_parent():
@@ -91,7 +92,7 @@ def test_calls_fail_with_their_process_or_are_not_sent(tmp_path):
         with pytest.raises(UnsentCall, match=r"cannot send a call to a worker process: .*pickle"):
             pool.submit(divmod, 7, lambda: 2).result()
         first, second = (
-            pool.submit(dying_once, os.getpid(), str(tmp_path / "died")) for _ in range(2)
+            pool.submit(process_killed_once, os.getpid(), str(tmp_path / "died")) for _ in range(2)
         )
         with pytest.raises(WorkerDied, match="a worker process was killed"):
             first.result()
@@ -103,7 +104,7 @@ def test_exception_terminates_running_calls():
 
     def interrupted():
         with WorkerPool(2) as pool:
-            calls.extend(pool.submit(where, n, 300.0) for n in range(3))
+            calls.extend(pool.submit(worker_of, n, 300.0) for n in range(3))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -115,11 +116,11 @@ def test_exception_terminates_running_calls():
 
 def test_interrupted_run_leaves_no_results():
     with WorkerPool() as spread:
-        for number, _ in spread.each(where, [(i, 0.2) for i in range(6)]):
+        for number, _ in spread.each(worker_of, [(i, 0.2) for i in range(6)]):
             assert number >= 0
             break
         assert [
-            number for number, _ in spread.starmap(where, [(i + 10, 0.0) for i in range(6)])
+            number for number, _ in spread.starmap(worker_of, [(i + 10, 0.0) for i in range(6)])
         ] == list(range(10, 16))
 
 
@@ -136,9 +137,9 @@ def test_parent_runs_all_jobs_without_workers(monkeypatch):
 def chessboards(count: int) -> list[np.ndarray]:
     """Return boards of 5 x 4 corners of increasing size, and one empty image."""
     boards = [np.full((200, 240), 230, np.uint8) for _ in range(count - 1)]
-    for side, picture in enumerate(boards, 24):
+    for side, image in enumerate(boards, 24):
         v, u = np.mgrid[: 5 * side, : 6 * side]
-        picture[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where(
+        image[20 : 20 + 5 * side, 20 : 20 + 6 * side] = np.where(
             (u // side + v // side) % 2, 200, 40
         )
     return [*boards, np.full((200, 240), 99, np.uint8)]
@@ -147,27 +148,27 @@ def chessboards(count: int) -> list[np.ndarray]:
 @pytest.mark.parametrize("long_s", [-1.0, 1e9])
 def test_boards_are_independent_of_workers(long_s, monkeypatch, tmp_path):
     monkeypatch.setattr(board_detection, "LONG_S", long_s)
-    board, pictures = om.Board("chessboard", 5, 4), chessboards(6)
-    om.write_image(tmp_path / "a.png", pictures[0])
-    told = []
-    found = om.find_boards(
-        [*pictures, tmp_path / "a.png", tmp_path / "missing.png"],
+    board, images = om.Board("chessboard", 5, 4), chessboards(6)
+    om.write_image(tmp_path / "a.png", images[0])
+    progress = []
+    detections = om.find_boards(
+        [*images, tmp_path / "a.png", tmp_path / "missing.png"],
         board,
-        on_progress=lambda done, _: told.append(done),
+        on_progress=lambda done, _: progress.append(done),
     )
-    assert told == list(range(1, 9))
-    assert [one.name for one in found] == [
+    assert progress == list(range(1, 9))
+    assert [one.name for one in detections] == [
         *(f"image {i}" for i in range(1, 7)),
         "a.png",
         "missing.png",
     ]
-    for one, picture in zip(found, pictures, strict=False):
-        alone = om.find_board(picture, board)
-        assert (one.corners_px == alone.corners_px).all()
-        assert one.ids.tolist() == alone.ids.tolist()
-    assert [len(one.ids) for one in found[:6]] == [20] * 5 + [0]
-    assert (found[6].corners_px == found[0].corners_px).all()
-    assert "does not exist" in found[7].reason
+    for one, image in zip(detections, images, strict=False):
+        expected = om.find_board(image, board)
+        assert (one.corners_px == expected.corners_px).all()
+        assert one.ids.tolist() == expected.ids.tolist()
+    assert [len(one.ids) for one in detections[:6]] == [20] * 5 + [0]
+    assert (detections[6].corners_px == detections[0].corners_px).all()
+    assert "does not exist" in detections[7].reason
 
 
 @pytest.mark.parametrize("long_s", [-1.0, 1e9])
@@ -178,10 +179,10 @@ def test_stopped_search_keeps_partial_results(long_s, monkeypatch):
         if done == 2:
             raise KeyboardInterrupt
 
-    found = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), on_progress=stop)
-    assert len(found) == 8
-    assert sum("was stopped" in (one.reason or "") for one in found) == 6
-    assert found[0].found
+    detections = om.find_boards(chessboards(8), om.Board("chessboard", 5, 4), on_progress=stop)
+    assert len(detections) == 8
+    assert sum("was stopped" in (one.reason or "") for one in detections) == 6
+    assert detections[0].found
 
 
 def test_unguarded_script_can_use_workers(tmp_path):

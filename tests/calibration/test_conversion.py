@@ -1,4 +1,4 @@
-"""Conversion errors, refused conversions, and accuracy of the reported errors."""
+"""Conversion errors, rejected conversions, and accuracy of the reported errors."""
 
 import re
 from dataclasses import replace
@@ -40,22 +40,22 @@ FITTED = [
 ]
 
 
-def off(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=40000):
+def errors_px(camera, other, distance_mm=np.inf, viewpoint_mm=(0.0, 0.0, 0.0), count=40000):
     """Return the image distance of two cameras for the same points, px, over random pixels of the
     first."""
     pixels = np.random.default_rng(9).uniform(0, np.array(camera.image_size) - 1, (count, 2))
     origins, directions, valid = camera.backproject(pixels)
     origins, directions = origins[valid], directions[valid]
     if np.isinf(distance_mm):
-        found = other.project_directions(directions)
+        projection = other.project_directions(directions)
     else:
         along = np.sum(origins * directions, axis=1)
         s = np.sqrt(distance_mm**2 - np.sum(origins**2, axis=1) + along**2) - along
-        found = other.project(
+        projection = other.project(
             origins + s[:, None] * directions - camera.mount.rotation() @ viewpoint_mm
         )
-    error = np.hypot(*(found.pixels - pixels[valid]).T)
-    return error[found.valid], found.valid.mean()
+    error = np.hypot(*(projection.pixels - pixels[valid]).T)
+    return error[projection.valid], projection.valid.mean()
 
 
 @needs_sample
@@ -69,12 +69,12 @@ def test_ocamcalib_files_round_trip_through_all_formats(tmp_path, name, optics):
         ("matlab", "a.m"),
         ("camera", "a.toml"),
     ):
-        made = om.convert(source, tmp_path / file, to=to, optics=optics)
-        assert made.exact
-        back = om.convert(tmp_path / file, tmp_path / "back.txt", to="ocamcalib", optics=optics)
+        conversion = om.convert(source, tmp_path / file, to=to, optics=optics)
+        assert conversion.exact
+        restored = om.convert(tmp_path / file, tmp_path / "back.txt", to="ocamcalib", optics=optics)
         refit = om.load_ocam(tmp_path / "back.txt", optics)
-        error, share = off(camera, refit)
-        assert (back.exact, share) == (True, 1.0)
+        error, share = errors_px(camera, refit)
+        assert (restored.exact, share) == (True, 1.0)
         assert error.max() < 1e-9
         np.testing.assert_allclose(refit.polynomial, camera.polynomial, rtol=1e-9)
 
@@ -86,27 +86,27 @@ def test_conversion_reports_true_error(tmp_path, to, camera):
     less."""
     is_pinhole = to in ("ros-plumb-bob", "ros-rational", "opencv-pinhole", "opencv-rational")
     field = {"field_deg": 60.0} if is_pinhole else {}
-    made = convert(camera, tmp_path / "a.txt", to=to, tolerance_px=30.0, **field)
-    if made.exact:
+    conversion = convert(camera, tmp_path / "a.txt", to=to, tolerance_px=30.0, **field)
+    if conversion.exact:
         return
-    image = replace(made.camera, rim_radius_px=None)
-    error, share = off(camera, image)
+    image = replace(conversion.camera, rim_radius_px=None)
+    error, share = errors_px(camera, image)
     if not field:
-        assert error.max() <= made.largest_px * 1.05 + 1e-9
-        assert np.sqrt(np.mean(error**2)) == pytest.approx(made.rms_px, rel=0.1)
+        assert error.max() <= conversion.largest_px * 1.05 + 1e-9
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(conversion.rms_px, rel=0.1)
         assert share > 0.98
-    back = convert(tmp_path / "a.txt", tmp_path / "again.txt", to=to, optics=camera.optics)
-    assert back.exact
+    restored = convert(tmp_path / "a.txt", tmp_path / "again.txt", to=to, optics=camera.optics)
+    assert restored.exact
     assert (tmp_path / "again.txt").read_bytes() == (tmp_path / "a.txt").read_bytes()
 
 
 def test_conversion_finds_equivalent_model(tmp_path):
     """xi = 1 without distortion is a paraboloid: exactly f(rho) = (rho^2/f - f) / 2 of OCamCalib."""
     camera = Unified(xi=1.0, focal_px=(200.0, 200.0), centre_px=(511.5, 383.5), image_size=SIZE)
-    made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=1e-6)
-    assert made.largest_px < 1e-6
+    conversion = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=1e-6)
+    assert conversion.largest_px < 1e-6
     np.testing.assert_allclose(
-        made.camera.polynomial[:3], [-100.0, 0.0, 1 / 400], rtol=1e-7, atol=1e-12
+        conversion.camera.polynomial[:3], [-100.0, 0.0, 1 / 400], rtol=1e-7, atol=1e-12
     )
 
 
@@ -114,8 +114,8 @@ def test_conversion_preserves_directions_of_skewed_image(tmp_path):
     """A skew is a rotation combined with d of OCamCalib; the frame of the file must not be rotated
     by it."""
     camera = Unified(xi=0.9, focal_px=F, centre_px=C, image_size=SIZE, skew_px=6.0)
-    made = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.1)
-    assert made.largest_px < 0.1
+    conversion = convert(camera, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.1)
+    assert conversion.largest_px < 0.1
 
 
 def test_conversion_without_tolerance_raises_with_error(tmp_path):
@@ -138,10 +138,10 @@ def test_conversion_without_tolerance_raises_with_error(tmp_path):
 def test_pinhole_rejects_field_of_90_deg(tmp_path):
     with pytest.raises(InvalidParameter, match=r"plumb_bob.* 90 deg.*field_deg"):
         convert(MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=100.0)
-    made = convert(
+    conversion = convert(
         MIRROR, tmp_path / "camera_info.yaml", to="ros-plumb-bob", tolerance_px=1.0, field_deg=60.0
     )
-    assert made.largest_px < 1.0
+    assert conversion.largest_px < 1.0
 
 
 def test_format_selects_best_model(tmp_path):
@@ -179,15 +179,17 @@ def test_format_selects_best_model(tmp_path):
 def test_sensor_without_viewpoint_error_depends_on_distance(tmp_path, to):
     """Real rays of the sensor at each distance, against the single viewpoint of the file."""
     far = (500, 3000, np.inf)
-    made = convert(SENSOR, tmp_path / "a.yaml", to=to, tolerance_px=20.0, distance_mm=far)
-    assert [c.distance_mm for c in made.costs] == list(far)
-    for c in made.costs:
-        error, share = off(SENSOR, made.camera, c.distance_mm, made.viewpoint_mm, 20000)
+    conversion = convert(SENSOR, tmp_path / "a.yaml", to=to, tolerance_px=20.0, distance_mm=far)
+    assert [c.distance_mm for c in conversion.costs] == list(far)
+    for c in conversion.costs:
+        error, share = errors_px(
+            SENSOR, conversion.camera, c.distance_mm, conversion.viewpoint_mm, 20000
+        )
         assert error.max() == pytest.approx(c.largest_px, rel=0.1, abs=0.01)
         assert np.sqrt(np.mean(error**2)) == pytest.approx(c.rms_px, rel=0.05, abs=0.005)
         assert share > 0.95
     distant = convert(SENSOR, tmp_path / "a.yaml", to=to, tolerance_px=20.0, distance_mm=np.inf)
-    assert distant.rms_px < made.costs[-1].rms_px
+    assert distant.rms_px < conversion.costs[-1].rms_px
 
 
 @pytest.mark.full
@@ -195,15 +197,15 @@ def test_the_viewpoint_of_a_hyperboloid_is_its_focus(tmp_path):
     """Foci of z = -B + B/A sqrt(A^2 + x^2): one is the lens, the other is sqrt(A^2 + B^2) - B
     behind the vertex."""
     sensor = om.load_sensor("prototype-hyperboloidal")
-    made = convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=0.001)
+    conversion = convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=0.001)
     a, b = sensor.mirror.a_mm, sensor.mirror.b_mm
-    np.testing.assert_allclose(made.viewpoint_mm, [0, 0, np.hypot(a, b) - b], atol=1e-4)
+    np.testing.assert_allclose(conversion.viewpoint_mm, [0, 0, np.hypot(a, b) - b], atol=1e-4)
 
 
 def test_panorama_format_error_depends_on_distance(tmp_path):
     """COLMAP's formula for the pixels of the panorama; and real rays of a near point against those
     of the panorama."""
-    made = convert(
+    conversion = convert(
         SENSOR, tmp_path / "cameras.txt", to="colmap-equirectangular", distance_mm=(800.0, np.inf)
     )
     _, model, width, height, *numbers = (
@@ -220,17 +222,17 @@ def test_panorama_format_error_depends_on_distance(tmp_path):
     theta, phi = np.arctan2(right, ahead), np.arctan2(-down, np.hypot(right, ahead))
     np.testing.assert_allclose((theta / (2 * np.pi) + 0.5) * sphere.size[0] - 0.5, u, atol=1e-9)
     np.testing.assert_allclose((0.5 - phi / np.pi) * sphere.size[1] - 0.5, v, atol=1e-9)
-    near, far = made.costs
+    near, far = conversion.costs
     assert far.largest_px < 1e-6
     assert 0.01 < near.rms_px <= near.largest_px
     origins, directions, valid = SENSOR.backproject(np.array([near.at_px]))
     origin, direction = (a[valid][0] for a in (origins, directions))
     along = origin @ direction
     point = origin + (np.sqrt(800.0**2 - origin @ origin + along**2) - along) * direction
-    towards = point - SENSOR.mount.rotation() @ made.viewpoint_mm
+    towards = point - SENSOR.mount.rotation() @ conversion.viewpoint_mm
     angle = np.degrees(np.arccos(towards @ direction / np.linalg.norm(towards)))
     assert angle * sphere.size[0] / 360 == pytest.approx(near.largest_px, rel=1e-6)
-    assert any("omnimirror dewarp --view sphere" in note for note in made.notes)
+    assert any("omnimirror dewarp --view sphere" in note for note in conversion.notes)
     assert convert(MIRROR, tmp_path / "cameras.bin", to="colmap-bin-equirectangular").exact
 
 
@@ -242,7 +244,7 @@ def test_note_reports_handedness_of_frame(tmp_path):
     assert not any(
         "left-handed" in n for n in convert(FISHEYE, tmp_path / "c.json", to="py-ocamcalib").notes
     )
-    back = convert(
+    restored = convert(
         tmp_path / "b.json",
         tmp_path / "d.json",
         to="py-ocamcalib",
@@ -250,24 +252,22 @@ def test_note_reports_handedness_of_frame(tmp_path):
         mount=Mount(image_flipped=True),
     )
     a, d = (om.convert(tmp_path / n, tmp_path / "x.toml").camera for n in ("a.json", "d.json"))
-    assert back.camera.is_image_reversed
-    assert off(a, d)[0].max() < 1e-9
+    assert restored.camera.is_image_reversed
+    assert errors_px(a, d)[0].max() < 1e-9
 
 
-@pytest.mark.parametrize(("flip", "handed"), [(False, -1), (True, 1)])
-def test_a_board_in_front_of_a_mirror_is_a_board_only_in_a_right_handed_frame(
-    tmp_path, flip, handed
-):
+@pytest.mark.parametrize(("flip", "right_handed"), [(False, -1), (True, 1)])
+def test_boards_require_a_right_handed_mirror_frame(tmp_path, flip, right_handed):
     """Three world directions, right-handed, as located in the image by a program without mirror
     models."""
-    made = convert(MIRROR, tmp_path / "a.json", to="py-ocamcalib", flip=flip)
+    conversion = convert(MIRROR, tmp_path / "a.json", to="py-ocamcalib", flip=flip)
     corner = np.array([[1.0, 0.1, -0.6], [0.9, 0.25, -0.6], [0.95, 0.1, -0.45]])
     assert np.linalg.det(corner) > 0
     pixels = MIRROR.project_directions(corner).pixels
     pixels[:, 0] = SIZE[0] - 1 - pixels[:, 0] if flip else pixels[:, 0]
     plain = om.convert(tmp_path / "a.json", tmp_path / "a.toml", optics="fisheye").camera
-    assert np.sign(np.linalg.det(plain.backproject(pixels).directions)) == handed
-    assert made.camera.is_image_reversed != flip
+    assert np.sign(np.linalg.det(plain.backproject(pixels).directions)) == right_handed
+    assert conversion.camera.is_image_reversed != flip
 
 
 def test_rig_file_returns_requested_camera(tmp_path):
@@ -293,7 +293,7 @@ def test_rig_file_returns_requested_camera(tmp_path):
 
 CHAIN, OMNI, COLMAP, JSON = "camchain.yaml", "a.yaml", "cameras.txt", "a.json"
 MATRIX = "camera_matrix:\n  data: [9,0,2,0,9,2,0,0,1]\n"
-WRONG = [
+INVALID_ARGUMENTS = [
     (CHAIN, "cam0:\n  camera_model: fish\n", r"line 2: cam0.camera_model must be one of omni"),
     (
         CHAIN,
@@ -348,7 +348,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("name", "text", "message"), WRONG)
+@pytest.mark.parametrize(("name", "text", "message"), INVALID_ARGUMENTS)
 def test_invalid_file_raises_with_line(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
     with pytest.raises(SpecError, match=message) as e:
@@ -359,7 +359,7 @@ def test_invalid_file_raises_with_line(tmp_path, name, text, message):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("changes", "message"),
     [
         ({"to": "kalibre"}, "to must be one of ocamcalib"),
         ({"to": None}, "cannot be inferred from its name"),
@@ -384,9 +384,9 @@ def test_invalid_file_raises_with_line(tmp_path, name, text, message):
         ({"image_size": (3,)}, "image_size"),
     ],
 )
-def test_invalid_arguments_raise(tmp_path, wrong, message):
+def test_invalid_arguments_raise(tmp_path, changes, message):
     with pytest.raises(OmnimirrorError, match=message):
-        convert(MIRROR, tmp_path / "a.what", **{"to": "kalibr-omni", **wrong})
+        convert(MIRROR, tmp_path / "a.what", **{"to": "kalibr-omni", **changes})
 
 
 CALIBRATED = """
@@ -416,18 +416,18 @@ centre."""
 def test_central_obscuration_can_be_excluded(tmp_path):
     (tmp_path / "sensor.toml").write_text(CALIBRATED)
     sensor = om.load_sensor(tmp_path / "sensor.toml")
-    whole, outside = (
+    complete, outside = (
         convert(sensor, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=1e3, **more)
         for more in ({}, {"inner_deg": 60.0})
     )
-    assert whole.largest_px > 4 * outside.largest_px
+    assert complete.largest_px > 4 * outside.largest_px
     assert all(cost.at_deg >= 60.0 for cost in outside.costs)
     pixels = np.array([[320.0, 90.0], [490.0, 260.0], [230.0, 380.0]])
     rays = sensor.backproject(pixels)
     points = rays.origins + 3000.0 * rays.directions
-    found, seen = outside.camera.project(points - rays.origins.mean(axis=0))
-    assert seen.all()
-    assert np.linalg.norm(found - pixels, axis=1).max() <= 1.1 * outside.largest_px
+    projected, is_valid = outside.camera.project(points - rays.origins.mean(axis=0))
+    assert is_valid.all()
+    assert np.linalg.norm(projected - pixels, axis=1).max() <= 1.1 * outside.largest_px
 
 
 def test_distance_inside_sensor_raises(tmp_path):
@@ -447,10 +447,10 @@ def test_viewpoint_motion_is_reported_by_distance(tmp_path):
         p.value + (3.0 if p.unit == "mm" and p.name.endswith(("5", "6")) else 0.0)
         for p in camera.parameters
     ]
-    made = convert(
+    conversion = convert(
         camera.with_parameters(values), tmp_path / "a.txt", to="ocamcalib", tolerance_px=50.0
     )
-    near, *_, far = made.costs
+    near, *_, far = conversion.costs
     assert (near.distance_mm, far.distance_mm) == (500.0, np.inf)
     assert near.largest_px > 0.05
 
@@ -461,13 +461,13 @@ def test_misaligned_sensor_is_converted(tmp_path):
     pose = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
     sensor = replace(SENSOR, mirror_pose=pose, mount=replace(SENSOR.mount, image_flipped=True))
     for camera in (sensor, om.SensorModel(sensor)):
-        made = convert(
+        conversion = convert(
             camera, tmp_path / "a.yaml", to="colmap-rad-tan-thin-prism-fisheye", tolerance_px=30.0
         )
-        error, share = off(sensor, made.camera, 1000.0, made.viewpoint_mm, 4000)
-        (told,) = (c for c in made.costs if c.distance_mm == 1000.0)
-        assert error.max() <= told.largest_px * 1.1
-        assert np.sqrt(np.mean(error**2)) == pytest.approx(told.rms_px, rel=0.1)
+        error, share = errors_px(sensor, conversion.camera, 1000.0, conversion.viewpoint_mm, 4000)
+        (cost,) = (c for c in conversion.costs if c.distance_mm == 1000.0)
+        assert error.max() <= cost.largest_px * 1.1
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(cost.rms_px, rel=0.1)
         assert share > 0.95
     assert convert(om.SensorModel(sensor), tmp_path / "a.toml").target == "sensor"
 
@@ -476,6 +476,6 @@ def test_misaligned_sensor_is_converted(tmp_path):
     "name", ["folded-hyperboloidal", "paraboloid-telecentric", "paper-hyperboloidal"]
 )
 def test_single_viewpoint_sensors_convert_exactly(tmp_path, name):
-    made = convert(name, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.01)
-    assert made.camera.is_backward_facing == (name != "folded-hyperboloidal")
-    np.testing.assert_allclose(made.viewpoint_mm[:2], 0, atol=1e-4)
+    conversion = convert(name, tmp_path / "a.txt", to="ocamcalib", tolerance_px=0.01)
+    assert conversion.camera.is_backward_facing == (name != "folded-hyperboloidal")
+    np.testing.assert_allclose(conversion.viewpoint_mm[:2], 0, atol=1e-4)

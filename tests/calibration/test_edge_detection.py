@@ -12,9 +12,9 @@ def test_strong_pattern_does_not_suppress_faint_circle():
     away = np.hypot(u - 330.0, v - 180.0)
     squares = 255.0 * ((u // 8 + v // 8) % 2)
     moat = np.clip(away - 165.0, 0.0, 1.0)  # grey surround that isolates the edge of the disc
-    picture = squares * moat + 60.0 * (1 - moat)
-    picture = np.where(away < 150, 160.0, picture).astype(np.uint8)
-    edges = edges_of(at_working_size(picture))
+    image = squares * moat + 60.0 * (1 - moat)
+    image = np.where(away < 150, 160.0, image).astype(np.uint8)
+    edges = edges_of(at_working_size(image))
     assert len(edges.points) >= MAX_EDGES
     on_rim = np.abs(np.hypot(edges.points[:, 0] - 330.0, edges.points[:, 1] - 180.0) - 150) < 1.5
     turn = (

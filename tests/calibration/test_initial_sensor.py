@@ -18,13 +18,16 @@ from tests.conftest import sensor_of
 from tests.everyday import few
 
 
-def off_px(model, central, omega_max_deg):
+def differences_px(model, central, omega_max_deg):
     directions = ring_directions(central, omega_max_deg)[0]
-    here, there = model.image(directions, distant=True), central.image(directions, distant=True)
-    seen = here.valid & there.valid
-    seen[seen] = inside_image(there.pixels[seen], central.image_size)
-    assert seen.sum() > 500
-    return np.hypot(*(here.pixels - there.pixels)[seen].T).max()
+    image, reference = (
+        model.image(directions, distant=True),
+        central.image(directions, distant=True),
+    )
+    is_common = image.valid & reference.valid
+    is_common[is_common] = inside_image(reference.pixels[is_common], central.image_size)
+    assert is_common.sum() > 500
+    return np.hypot(*(image.pixels - reference.pixels)[is_common].T).max()
 
 
 def test_unknown_mirror_reproduces_central_model():
@@ -36,7 +39,7 @@ def test_unknown_mirror_reproduces_central_model():
         optics="mirror",
     )
     model = om.SensorModel.from_central_model(central, omega_max_deg=125.0)
-    assert off_px(model, central, 125.0) < 0.1
+    assert differences_px(model, central, 125.0) < 0.1
     assert 0 < model.viewpoint_mm[2] < 40
 
 
@@ -52,14 +55,14 @@ def test_known_mirror_type_recovers_shape(kind):
         {"radius_mm": 60.0} if kind == "sphere" else {"a_mm": 45.0} if kind == "hyperboloid" else {}
     )
     change |= {"coefficients": (0.5, 0.0, 0.0)} if kind == "even-polynomial" else {}
-    drawn = replace(truth, mirror=replace(truth.mirror, **change))
+    nominal = replace(truth, mirror=replace(truth.mirror, **change))
     field = truth.field_deg[1]
     model = om.SensorModel.from_central_model(
-        om.SensorModel(truth), drawn, free=("shape", "tilt"), omega_max_deg=field - 0.1
+        om.SensorModel(truth), nominal, free=("shape", "tilt"), omega_max_deg=field - 0.1
     )
     x = np.linspace(0, 0.99 * truth.mirror.rim_radius_mm, 50)
     np.testing.assert_allclose(model.sensor.mirror.slope(x), truth.mirror.slope(x), atol=2e-3)
-    assert off_px(model, om.SensorModel(truth), field - 0.5) < 0.1
+    assert differences_px(model, om.SensorModel(truth), field - 0.5) < 0.1
 
 
 def test_misaligned_mirror_of_known_shape_is_estimated():
@@ -67,8 +70,8 @@ def test_misaligned_mirror_of_known_shape_is_estimated():
     model = om.SensorModel.from_central_model(
         om.SensorModel(truth), truth.aligned(), free=("decentre",), omega_max_deg=120.0
     )
-    found = model.sensor.mirror_pose
-    assert (found.decentre_x_mm, found.decentre_y_mm) == (
+    pose = model.sensor.mirror_pose
+    assert (pose.decentre_x_mm, pose.decentre_y_mm) == (
         pytest.approx(0.7, abs=1e-3),
         pytest.approx(-0.4, abs=1e-3),
     )
@@ -82,10 +85,8 @@ def test_ball_outline_is_reproduced():
     ring = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     assert model.backproject(centre + 0.99 * radius * ring).valid.all()
     assert not model.backproject(centre + 1.01 * radius * ring).valid.any()
-    ahead = (
-        model.backproject(centre[None]).directions @ model.mount.rotation()
-    )  # back to the camera
-    assert ahead[0, 2] < -0.99
+    axis = model.backproject(centre[None]).directions @ model.mount.rotation()  # back to the camera
+    assert axis[0, 2] < -0.99
 
 
 def test_distant_ball_equals_parallel_projection():
@@ -113,9 +114,9 @@ def test_folding_mirror_ends_before_fold():
         NotOneToOne, match=r"less than 43\.3\d* mm, where .* stops increasing \(129\.\d* deg\)"
     ):
         _ = sensor.field_deg
-    ended = without_fold(sensor)
-    assert ended.field_deg[1] == pytest.approx(129.1, abs=0.1)
-    assert 0.97 < ended.mirror.rim_radius_mm / mirror.rim_radius_mm < 1
-    x = np.linspace(0, ended.mirror.rim_radius_mm, 9)
-    np.testing.assert_array_equal(ended.mirror.sag(x), mirror.sag(x))
-    assert without_fold(ended) is ended
+    limited = without_fold(sensor)
+    assert limited.field_deg[1] == pytest.approx(129.1, abs=0.1)
+    assert 0.97 < limited.mirror.rim_radius_mm / mirror.rim_radius_mm < 1
+    x = np.linspace(0, limited.mirror.rim_radius_mm, 9)
+    np.testing.assert_array_equal(limited.mirror.sag(x), mirror.sag(x))
+    assert without_fold(limited) is limited

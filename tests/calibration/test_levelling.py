@@ -14,25 +14,25 @@ from omnimirror.cameras.frames import Mount
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("lean", [(5.0, -3.0), (-9.0, 6.0)])
-def test_vertical_edges_of_room_give_tilt(lean):
+@pytest.mark.parametrize("tilt_deg", [(5.0, -3.0), (-9.0, 6.0)])
+def test_vertical_edges_of_room_determine_tilt(tilt_deg):
     sensor = om.load_sensor("paper-spherical")
     coarse = replace(
         sensor.imager, width_px=512, height_px=512, pixel_pitch_um=2 * sensor.imager.pixel_pitch_um
     )
     sensor = replace(sensor, imager=coarse)
-    taken = om.render_image(
-        replace(sensor, mount=Mount(pitch_deg=lean[0], roll_deg=lean[1])),
+    rendering = om.render_image(
+        replace(sensor, mount=Mount(pitch_deg=tilt_deg[0], roll_deg=tilt_deg[1])),
         om.Room(texel_mm=20.0),
         samples=1,
     )
-    for picture in (taken, taken[..., 0]):
+    for image in (rendering, rendering[..., 0]):
         level = level_from_image(
-            picture, sensor, sensor.mount, sensor.imager.centre, sensor.rim_radius_px
+            image, sensor, sensor.mount, sensor.imager.centre, sensor.rim_radius_px
         )
         assert (level.pitch_deg, level.roll_deg) == (
-            pytest.approx(lean[0], abs=0.3),
-            pytest.approx(lean[1], abs=0.3),
+            pytest.approx(tilt_deg[0], abs=0.3),
+            pytest.approx(tilt_deg[1], abs=0.3),
         )
         assert level.upright > 20
     assert (
@@ -45,22 +45,22 @@ def test_vertical_edges_of_room_give_tilt(lean):
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    "looked", [Mount("forward", pitch_deg=-20.0, roll_deg=4.0), Mount("up", pitch_deg=6.0)]
+    "mount", [Mount("forward", pitch_deg=-20.0, roll_deg=4.0), Mount("up", pitch_deg=6.0)]
 )
-def test_tilt_of_ball_in_room(looked):
+def test_tilt_of_ball_in_room(mount):
     ball = om.MirrorBall(
         centre_px=(349.5, 349.5),
         rim_radius_px=330.0,
         field_deg=340.0,
         image_size=(700, 700),
-        mount=looked,
+        mount=mount,
     )
-    taken = om.render_image(ball, om.Room(texel_mm=15.0), samples=2)
-    ball = replace(ball, mount=Mount(looked.camera_looks))
-    level = level_from_image(taken, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
+    rendering = om.render_image(ball, om.Room(texel_mm=15.0), samples=2)
+    ball = replace(ball, mount=Mount(mount.camera_looks))
+    level = level_from_image(rendering, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
     assert level.is_reliable
     assert (level.pitch_deg, level.roll_deg) == pytest.approx(
-        (looked.pitch_deg, looked.roll_deg), abs=0.4
+        (mount.pitch_deg, mount.roll_deg), abs=0.4
     )
 
 
@@ -77,15 +77,13 @@ def test_large_images_are_reduced():
         )
         apart = size // 720  # pixel spacing of traced rays, which vary linearly in between
         v, u = np.mgrid[:720, :720] * apart + (apart - 1) / 2
-        seen = ball.backproject(np.stack([u, v], axis=-1).reshape(-1, 2)).directions.reshape(
+        directions = ball.backproject(np.stack([u, v], axis=-1).reshape(-1, 2)).directions.reshape(
             720, 720, 3
         )
-        seen = cv2.resize(seen, (size, size), interpolation=cv2.INTER_LINEAR)
-        wall = np.floor(np.degrees(np.arctan2(seen[..., 1], seen[..., 0])) / 15) % 2
-        picture = np.where(np.abs(seen[..., 2]) < 0.6, 60 + 120 * wall, 110).astype(np.uint8)
-        levels.append(
-            level_from_image(picture, ball, ball.mount, ball.centre_px, ball.rim_radius_px)
-        )
+        directions = cv2.resize(directions, (size, size), interpolation=cv2.INTER_LINEAR)
+        wall = np.floor(np.degrees(np.arctan2(directions[..., 1], directions[..., 0])) / 15) % 2
+        image = np.where(np.abs(directions[..., 2]) < 0.6, 60 + 120 * wall, 110).astype(np.uint8)
+        levels.append(level_from_image(image, ball, ball.mount, ball.centre_px, ball.rim_radius_px))
     for level in levels:
         assert (level.pitch_deg, level.roll_deg) == pytest.approx((5.0, -3.0), abs=0.1)
         assert level.is_reliable

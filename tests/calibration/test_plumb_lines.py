@@ -67,51 +67,53 @@ def test_chains_match_edges_within_0_1_px():
     edge_detection = edge_chains((200 - 150 * coverage).astype(np.uint8), radius_px=1e3)
     assert len(edge_detection) >= 4
     for chain in edge_detection:
-        off = [
+        distances = [
             np.abs((chain - a) @ (np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a)))
             for a, b in sides
         ]
-        inner = min(off, key=np.median)[3:-3]
+        inner = min(distances, key=np.median)[3:-3]
         assert np.sqrt((inner**2).mean()) < 0.1
 
 
 @pytest.mark.full
 def test_a_mirror_of_known_kind_is_refined_and_levelled():
-    truth, picture = scene()
-    drawn = replace(truth, lens=replace(truth.lens, focal_length_mm=11.2), mount=Mount("up"))
-    model = om.SensorModel(drawn, ("focal", "decentre"))
-    found = om.calibrate_plumb_lines([picture], model=model, **field(truth))
-    error, sigma = errors_deg(truth, found.camera)
+    truth, image = scene()
+    nominal = replace(truth, lens=replace(truth.lens, focal_length_mm=11.2), mount=Mount("up"))
+    model = om.SensorModel(nominal, ("focal", "decentre"))
+    calibration = om.calibrate_plumb_lines([image], model=model, **field(truth))
+    error, sigma = errors_deg(truth, calibration.camera)
     assert np.sqrt((error**2).mean()) < 0.2
     assert (error < 3 * sigma).mean() > 0.95
-    assert found.rms_px < 0.3
-    (level,) = found.levels
+    assert calibration.rms_px < 0.3
+    (level,) = calibration.levels
     assert np.hypot(level.pitch_deg - 3.0, level.roll_deg + 2.0) < max(3 * level.sigma_deg, 0.15)
-    assert found.camera.mount == level.on(drawn.mount)
+    assert calibration.camera.mount == level.on(nominal.mount)
 
 
 def test_unknown_central_camera_is_estimated_within_uncertainty():
-    truth, picture = scene()
-    found = om.calibrate_plumb_lines([picture], **field(truth))
-    error, sigma = errors_deg(truth, found.camera)
+    truth, image = scene()
+    calibration = om.calibrate_plumb_lines([image], **field(truth))
+    error, sigma = errors_deg(truth, calibration.camera)
     assert np.sqrt((error**2).mean()) < 2.0
     assert (error < 3 * sigma).mean() > 0.95
-    assert found.camera.KIND == "unified"
+    assert calibration.camera.KIND == "unified"
 
 
 def test_undetermined_parameters_are_reported():
     """Focal length, size and distance of a mirror compensate each other."""
-    truth, picture = scene()
+    truth, image = scene()
     model = om.SensorModel(replace(truth, mount=Mount("up")), ("focal", "shape", "distance"))
-    found = om.calibrate_plumb_lines([picture], model=model, **field(truth))
-    assert any("mirror.b_mm" in words and "lens.focal_length_mm" in words for words in found.free)
-    error, _ = errors_deg(truth, found.camera)
+    calibration = om.calibrate_plumb_lines([image], model=model, **field(truth))
+    assert any(
+        "mirror.b_mm" in note and "lens.focal_length_mm" in note for note in calibration.free
+    )
+    error, _ = errors_deg(truth, calibration.camera)
     assert np.sqrt((error**2).mean()) < 0.5
 
 
 def test_tilt_from_vertical_edges():
-    lean = Mount("down", 40.0, pitch_deg=-7.0, roll_deg=4.0)
-    up = lean.rotation().T @ [0.0, 0.0, 1.0]
+    mount = Mount("down", 40.0, pitch_deg=-7.0, roll_deg=4.0)
+    up = mount.rotation().T @ [0.0, 0.0, 1.0]
     rng = np.random.default_rng(3)
     upright = np.cross(up, rng.normal(size=(12, 3))) + 0.001 * rng.normal(size=(12, 3))
     clutter = rng.normal(size=(20, 3))
@@ -123,10 +125,10 @@ def test_tilt_from_vertical_edges():
         pytest.approx(4.0, abs=0.15),
     )
     assert level.upright >= 12
-    assert level_from_edges(normals[:2], np.ones(2), lean) is None
+    assert level_from_edges(normals[:2], np.ones(2), mount) is None
 
 
-def test_random_edges_give_no_level():
+def test_random_edges_do_not_determine_tilt():
     rng = np.random.default_rng(5)
     for count in (12, 60, 360):
         for _ in range(40):
@@ -136,24 +138,24 @@ def test_random_edges_give_no_level():
 
 
 def test_edges_are_independent_of_alpha_and_bit_depth():
-    picture = np.zeros((200, 200, 3), np.uint8)
-    picture[:, 90:] = 200
-    (wanted,) = edge_chains(picture)
-    opaque = np.dstack([picture, np.full((200, 200), 255, np.uint8)])
-    for other in (opaque, picture.astype(np.uint16) * 257, opaque[..., [0, 3]], picture[..., :1]):
-        (found,) = edge_chains(other)
-        assert found == pytest.approx(wanted, abs=1e-3)
+    image = np.zeros((200, 200, 3), np.uint8)
+    image[:, 90:] = 200
+    (expected,) = edge_chains(image)
+    opaque = np.dstack([image, np.full((200, 200), 255, np.uint8)])
+    for other in (opaque, image.astype(np.uint16) * 257, opaque[..., [0, 3]], image[..., :1]):
+        (chain,) = edge_chains(other)
+        assert chain == pytest.approx(expected, abs=1e-3)
 
 
 @pytest.mark.parametrize("band", [1, 20_000, 50_000])
 def test_edges_of_bands_equal_edges_of_whole_image(band, monkeypatch):
     random = np.random.default_rng(3)
-    picture = cv2.GaussianBlur(random.integers(0, 256, (301, 260, 3)).astype(np.uint8), (0, 0), 6.0)
-    picture = cv2.normalize(picture, None, 0, 255, cv2.NORM_MINMAX)
-    whole = edge_chains(picture, min_length_px=12.0)
+    image = cv2.GaussianBlur(random.integers(0, 256, (301, 260, 3)).astype(np.uint8), (0, 0), 6.0)
+    image = cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX)
+    complete = edge_chains(image, min_length_px=12.0)
     monkeypatch.setattr(edge_detection, "BAND", band)
-    assert len(whole) > 30
-    for one, other in zip(whole, edge_chains(picture, min_length_px=12.0), strict=True):
+    assert len(complete) > 30
+    for one, other in zip(complete, edge_chains(image, min_length_px=12.0), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -163,7 +165,7 @@ def test_images_with_too_few_edges_raise():
         om.calibrate_plumb_lines([grey])
     with pytest.raises(InvalidParameter, match="2 different sizes"):
         om.calibrate_plumb_lines([grey, grey[:100]])
-    truth, picture = scene()
+    truth, image = scene()
     other = Unified(
         xi=1.0,
         focal_px=(100.0, 100.0),
@@ -174,16 +176,16 @@ def test_images_with_too_few_edges_raise():
     with pytest.raises(
         InvalidParameter, match="size of the images, 640 x 640 px; got 200 x 200 px"
     ):
-        om.calibrate_plumb_lines([picture], model=other, **field(truth))
+        om.calibrate_plumb_lines([image], model=other, **field(truth))
 
 
 @pytest.mark.full
-def test_misaligned_mirror_keeps_fixed_pose(tmp_path):
+def test_fixed_pose_of_misaligned_mirror_is_unchanged(tmp_path):
     """Command line: sensor file in, refined and levelled file with its uncertainty out."""
-    truth, picture = scene()
-    drawn = replace(truth, mount=Mount("up"), mirror_pose=MirrorPose(0.2, 0.1))
-    om.save_sensor(drawn, tmp_path / "drawn.toml")
-    om.write_image(tmp_path / "room.png", picture)
+    truth, image = scene()
+    nominal = replace(truth, mount=Mount("up"), mirror_pose=MirrorPose(0.2, 0.1))
+    om.save_sensor(nominal, tmp_path / "drawn.toml")
+    om.write_image(tmp_path / "room.png", image)
     rim = [*truth.imager.centre, truth.rim_radius_px]
     run = omnimirror(
         "lines",
@@ -203,13 +205,13 @@ def test_misaligned_mirror_keeps_fixed_pose(tmp_path):
     built = om.load_sensor(tmp_path / "built.toml")
     assert built.uncertainty is not None
     assert built.mount.pitch_deg == pytest.approx(3.0, abs=0.5)
-    assert om.read_image(tmp_path / "edges.png").shape == picture.shape
+    assert om.read_image(tmp_path / "edges.png").shape == image.shape
 
 
 def test_mirror_outline_is_detected_by_default(tmp_path):
-    truth, picture = scene()
+    truth, image = scene()
     om.save_sensor(replace(truth, mount=Mount("up")), tmp_path / "drawn.toml")
-    om.write_image(tmp_path / "room.png", picture)
+    om.write_image(tmp_path / "room.png", image)
     om.write_image(
         tmp_path / "noise.png", np.random.default_rng(0).integers(0, 255, (200, 200, 3), np.uint8)
     )
@@ -226,18 +228,18 @@ def test_mirror_outline_is_detected_by_default(tmp_path):
         (*truth.imager.centre, truth.rim_radius_px), abs=0.01 * truth.rim_radius_px
     )
     assert om.load_sensor(tmp_path / "built.toml").mount.pitch_deg == pytest.approx(3.0, abs=0.5)
-    refused = omnimirror("lines", tmp_path / "noise.png", *model)
-    assert refused.returncode == 2
-    assert "no rim detected" in " ".join(refused.stderr.split())
-    assert "--rim U V R" in " ".join(refused.stderr.split())
+    failure = omnimirror("lines", tmp_path / "noise.png", *model)
+    assert failure.returncode == 2
+    assert "no rim detected" in " ".join(failure.stderr.split())
+    assert "--rim U V R" in " ".join(failure.stderr.split())
 
 
 def test_edges_are_drawn_on_image():
-    picture = np.full((50, 60), 100, np.uint8)
-    drawn = draw_edges(picture, [np.array([[10.0, 10.0], [40.0, 10.0]])], [True])
-    assert drawn.shape == (50, 60, 3)
-    assert drawn[10, 25, 1] > 200
-    assert (drawn[30] == 50).all()
+    image = np.full((50, 60), 100, np.uint8)
+    drawing = draw_edges(image, [np.array([[10.0, 10.0], [40.0, 10.0]])], [True])
+    assert drawing.shape == (50, 60, 3)
+    assert drawing[10, 25, 1] > 200
+    assert (drawing[30] == 50).all()
 
 
 @pytest.mark.full
@@ -245,17 +247,19 @@ def test_photograph_of_room_identifies_mirror(shared_data):
     """OCamCalib sample, calibrated by its authors with many boards; no board is detected here."""
     folder = shared_data / "ocamcalib_cpp_sample"
     truth = om.load_ocam(folder / "calib_results_catadioptric.txt")
-    picture = om.read_image(folder / "test_catadioptric.jpg")
-    found = om.calibrate_plumb_lines(
-        [picture], centre_px=truth.centre_px, radius_px=370.0, inner_radius_px=80.0
+    image = om.read_image(folder / "test_catadioptric.jpg")
+    calibration = om.calibrate_plumb_lines(
+        [image], centre_px=truth.centre_px, radius_px=370.0, inner_radius_px=80.0
     )
     phi = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     rings = [r * np.stack([np.cos(phi), np.sin(phi)], axis=-1) for r in (100.0, 200.0, 300.0)]
     pixels = np.array(truth.centre_px) + np.concatenate(rings)
-    a, b = (c.backproject(pixels).directions @ c.mount.rotation() for c in (truth, found.camera))
+    a, b = (
+        c.backproject(pixels).directions @ c.mount.rotation() for c in (truth, calibration.camera)
+    )
     error = np.degrees(np.arccos(np.clip((a * b).sum(axis=1), -1, 1)))
     assert np.sqrt((error**2).mean()) < 3.5
-    assert (error < 3 * om.direction_uncertainty(found.camera, pixels)).all()
+    assert (error < 3 * om.direction_uncertainty(calibration.camera, pixels)).all()
 
 
 def marked_edges(camera, count: int = 24, noise_px: float = 0.2) -> list[np.ndarray]:
@@ -267,10 +271,11 @@ def marked_edges(camera, count: int = 24, noise_px: float = 0.2) -> list[np.ndar
         middle *= random.uniform(2000, 4000) / np.linalg.norm(middle)
         along = np.eye(3)[len(edges) % 3] if len(edges) % 2 else random.normal(size=3)
         points = middle + np.linspace(-2500, 2500, 12)[:, None] * along / np.linalg.norm(along)
-        seen = camera.project(points)
-        if seen.valid.sum() >= 8:
+        projection = camera.project(points)
+        if projection.valid.sum() >= 8:
             edges.append(
-                seen.pixels[seen.valid] + random.normal(0, noise_px, (seen.valid.sum(), 2))
+                projection.pixels[projection.valid]
+                + random.normal(0, noise_px, (projection.valid.sum(), 2))
             )
     return edges
 
@@ -278,17 +283,17 @@ def marked_edges(camera, count: int = 24, noise_px: float = 0.2) -> list[np.ndar
 def test_camera_is_refined_by_marked_points(tmp_path):
     truth = scene()[0]
     lens = truth.lens
-    drawn = replace(truth, lens=replace(lens, focal_length_mm=1.02 * lens.focal_length_mm))
+    nominal = replace(truth, lens=replace(lens, focal_length_mm=1.02 * lens.focal_length_mm))
     edges = marked_edges(truth)
-    found = om.calibrate_plumb_lines(
-        lines=[edges], image_size=truth.image_size, model=drawn, distance_mm=3000.0
+    calibration = om.calibrate_plumb_lines(
+        lines=[edges], image_size=truth.image_size, model=nominal, distance_mm=3000.0
     )
-    off, said = errors_deg(truth, found.camera)
-    before, _ = errors_deg(truth, replace(drawn, uncertainty=found.camera.uncertainty))
-    assert np.sqrt(np.mean(off**2)) < 0.5 * np.sqrt(np.mean(before**2))
-    assert np.mean(off < 3 * said) > 0.95
-    assert found.rms_px == pytest.approx(0.2, rel=0.25)
-    om.save_sensor(drawn, tmp_path / "drawn.toml")
+    error, sigma = errors_deg(truth, calibration.camera)
+    before, _ = errors_deg(truth, replace(nominal, uncertainty=calibration.camera.uncertainty))
+    assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean(before**2))
+    assert np.mean(error < 3 * sigma) > 0.95
+    assert calibration.rms_px == pytest.approx(0.2, rel=0.25)
+    om.save_sensor(nominal, tmp_path / "drawn.toml")
     rows = [f"{i},{u:.3f},{v:.3f}" for i, edge in enumerate(edges) for u, v in edge]
     (tmp_path / "edges.csv").write_text("\n".join(["line,u_px,v_px", *rows]) + "\n")
     width, height = truth.image_size
@@ -308,17 +313,19 @@ def test_camera_is_refined_by_marked_points(tmp_path):
     )
     assert run.returncode == 0, run.stderr
     built = om.load_camera(tmp_path / "built.toml")
-    assert built.lens.focal_length_mm == pytest.approx(found.camera.lens.focal_length_mm, rel=1e-4)
+    assert built.lens.focal_length_mm == pytest.approx(
+        calibration.camera.lens.focal_length_mm, rel=1e-4
+    )
 
 
-def bent_edges(truth, random, count, bend_px):
+def curved_edges(truth, random, count, bend_px):
     """Return images of distant straight objects by finite rays, each with a curvature that no
     camera explains."""
     edges = []
     while len(edges) < count:
         middle, along = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
-        seen = truth.project(1e6 * (middle + np.linspace(-0.5, 0.5, 60)[:, None] * along))
-        points = seen.pixels[seen.valid]
+        projection = truth.project(1e6 * (middle + np.linspace(-0.5, 0.5, 60)[:, None] * along))
+        points = projection.pixels[projection.valid]
         if len(points) < 20 or np.linalg.norm(points[-1] - points[0]) < 30:
             continue
         at = np.linspace(-1, 1, len(points))[:, None]
@@ -334,23 +341,23 @@ def test_few_imperfect_edges_have_consistent_uncertainty(seeds):
     """Ten edges fit more closely than they are straight; with that scale, errors were 1.5 times the
     prediction."""
     truth = replace(scene()[0], mount=Mount("up"))
-    drawn = replace(
+    nominal = replace(
         truth, lens=replace(truth.lens, focal_length_mm=1.02 * truth.lens.focal_length_mm)
     )
     ratios = []
     for seed in range(seeds):
-        edges = bent_edges(truth, np.random.default_rng(seed), 10, 0.3)
-        found = om.calibrate_plumb_lines(
-            lines=[edges], image_size=SIZE, model=om.SensorModel(drawn, ("focal", "decentre"))
+        edges = curved_edges(truth, np.random.default_rng(seed), 10, 0.3)
+        calibration = om.calibrate_plumb_lines(
+            lines=[edges], image_size=SIZE, model=om.SensorModel(nominal, ("focal", "decentre"))
         )
-        off, said = errors_deg(truth, found.camera)
-        ratios.append(np.sqrt(np.mean((off / said) ** 2)))
+        error, sigma = errors_deg(truth, calibration.camera)
+        ratios.append(np.sqrt(np.mean((error / sigma) ** 2)))
     assert np.sqrt(np.mean(np.square(ratios))) < 1.2
     assert np.mean(np.array(ratios) < 3) >= 0.95
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("line,u_px,v_px\na,1,2\na,2,3\n", "line a of image must have at least 3 points; got 2"),
         ("line,u_px\na,1\n", "must be line,u_px,v_px, and image for several"),
@@ -359,7 +366,7 @@ def test_few_imperfect_edges_have_consistent_uncertainty(seeds):
         ("", "contains no points; its first line must be line,u_px,v_px"),
     ],
 )
-def test_invalid_edge_tables_raise(text, says, tmp_path):
+def test_invalid_edge_tables_raise(text, message, tmp_path):
     (tmp_path / "edges.csv").write_text(text)
-    with pytest.raises(InvalidParameter, match=re.escape(says)):
+    with pytest.raises(InvalidParameter, match=re.escape(message)):
         om.read_line_points([tmp_path / "edges.csv"])

@@ -37,8 +37,10 @@ def test_images_are_projections_and_derivatives_are_differences(shell, distant):
     image = model.image(points, distant=distant)
     assert image.valid.sum() > 50
     world = points @ sensor.mount.rotation().T
-    shown = (sensor.project_directions if distant else sensor.project)(world)
-    np.testing.assert_allclose(image.pixels[shown.valid], shown.pixels[shown.valid], atol=1e-9)
+    projection = (sensor.project_directions if distant else sensor.project)(world)
+    np.testing.assert_allclose(
+        image.pixels[projection.valid], projection.pixels[projection.valid], atol=1e-9
+    )
     points = points[image.valid]  # the search for a solution of the others is slow and unsuccessful
     image = model.image(points, distant=distant)
     values = np.array([p.value for p in model.parameters])

@@ -16,7 +16,7 @@ from tests.everyday import few
 MISALIGNED = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)
 
 
-def some_points(count=60, seed=0):
+def random_points(count=60, seed=0):
     """Return points all around at 0.3 to 2 m, outside the obscuration of the mirror."""
     rng = np.random.default_rng(seed)
     towards = rng.normal(size=(2 * count, 3))
@@ -45,7 +45,7 @@ SENSORS = {
 }
 
 
-FEW = (
+EVERYDAY = (
     "cone-misaligned",
     "conic-asphere",
     "cylinder-misaligned",
@@ -59,7 +59,7 @@ FEW = (
 )
 
 
-@pytest.fixture(params=few(sorted(SENSORS), *FEW))
+@pytest.fixture(params=few(sorted(SENSORS), *EVERYDAY))
 def sensor(request):
     return SENSORS[request.param]
 
@@ -75,7 +75,7 @@ def middle(names):
     return names[len(names) // 2 : len(names) // 2 + 3]
 
 
-def shown(model, points, distant):
+def projection(model, points, distant):
     """Return the points imaged by the sensor; for others, the search on a cone is slow and
     unsuccessful."""
     return points[model.image(points, distant=distant).valid]
@@ -83,7 +83,7 @@ def shown(model, points, distant):
 
 @pytest.mark.parametrize("distant", [False, True])
 def test_model_projects_as_sensor(sensor, distant):
-    points = some_points()
+    points = random_points()
     world = points @ sensor.mount.rotation().T
     image = om.SensorModel(sensor).image(points, distant=distant)
     truth = (sensor.project_directions if distant else sensor.project)(world)
@@ -103,7 +103,7 @@ DERIVED = ["conic-asphere", "equidistant", "ellipsoid", "even-polynomial", "slop
 )
 def test_derivatives_by_parameters_are_differences(name, distant):
     model = all_free(SENSORS[name])
-    points = shown(model, some_points(24), distant)
+    points = projection(model, random_points(24), distant)
     image = model.image(points, distant=distant)
     values = np.array([p.value for p in model.parameters])
     for k, parameter in enumerate(model.parameters):
@@ -113,12 +113,12 @@ def test_derivatives_by_parameters_are_differences(name, distant):
         after, before = (
             om.SensorModel(other, ("focal",)).image(points, distant=distant) for other in moved
         )
-        seen = image.valid & after.valid & before.valid
-        assert seen.any()
-        error = (after.pixels - before.pixels - 2 * h * image.d_parameters[:, :, k])[seen]
+        is_visible = image.valid & after.valid & before.valid
+        assert is_visible.any()
+        error = (after.pixels - before.pixels - 2 * h * image.d_parameters[:, :, k])[is_visible]
         assert (
             np.abs(error).max()
-            < 1e-10 + 1e-5 * np.abs(2 * h * image.d_parameters[seen][:, :, k]).max()
+            < 1e-10 + 1e-5 * np.abs(2 * h * image.d_parameters[is_visible][:, :, k]).max()
         ), parameter.name
 
 
@@ -127,28 +127,28 @@ def test_derivatives_by_parameters_are_differences(name, distant):
     "name",
     few(
         [n for n in sorted(SENSORS) if not n.startswith(("cylinder", "ground"))],
-        *(n for n in FEW if not n.startswith("cylinder")),
+        *(n for n in EVERYDAY if not n.startswith("cylinder")),
     ),
 )
 def test_derivatives_by_points_are_differences(name, distant):
     sensor = SENSORS[name]
     model = om.SensorModel(sensor)
-    points = shown(
-        model, some_points(24) * (1e-3 if distant else 1.0), distant
+    points = projection(
+        model, random_points(24) * (1e-3 if distant else 1.0), distant
     )  # directions of length about 1
     image, h = model.image(points, distant=distant), 1e-6 if distant else 1e-3
     for axis in np.eye(3):
         after, before = (model.image(points + s * h * axis, distant=distant) for s in (1, -1))
-        seen = image.valid & after.valid & before.valid
-        difference = (after.pixels - before.pixels)[seen] / (2 * h)
-        scale = np.abs(image.d_points[seen]).max(initial=1.0)
+        is_visible = image.valid & after.valid & before.valid
+        difference = (after.pixels - before.pixels)[is_visible] / (2 * h)
+        scale = np.abs(image.d_points[is_visible]).max(initial=1.0)
         np.testing.assert_allclose(
-            difference, image.d_points[seen] @ axis, rtol=0, atol=1e-5 * scale
+            difference, image.d_points[is_visible] @ axis, rtol=0, atol=1e-5 * scale
         )
 
 
 def test_points_beyond_rim_project_smoothly():
-    """An estimate with a slightly small mirror must keep the points that correct it."""
+    """Points beyond the rim of an estimate that is too small correct its size."""
     sensor = sensor_of("hyperboloid")
     omega = np.radians(sensor.field_deg[1] + np.linspace(-2.0, 4.0, 121))
     image = om.SensorModel(sensor).image(
@@ -184,7 +184,7 @@ def test_parameters_round_trip_and_others_are_unchanged():
 
 
 def test_parameter_scale_moves_image_by_one_pixel():
-    model, points = all_free(sensor_of("conic-asphere")), some_points()
+    model, points = all_free(sensor_of("conic-asphere")), random_points()
     image = model.image(points)
     moved = np.linalg.norm(image.d_parameters[image.valid], axis=1) * [
         p.scale for p in model.parameters
@@ -200,12 +200,12 @@ def test_priors_are_tolerances_of_the_design():
         "mirror_pose.tilt_x_deg": (0.0, 3.0),
         "mirror_pose.tilt_y_deg": (0.0, 3.0),
     }
-    own = om.SensorModel(sensor, ("focal",), (("lens.focal_length_mm", 11.5, 0.1),))
-    assert own.priors[0].value == 11.5
+    custom = om.SensorModel(sensor, ("focal",), (("lens.focal_length_mm", 11.5, 0.1),))
+    assert custom.priors[0].value == 11.5
 
 
 @pytest.mark.parametrize(
-    ("free", "priors", "words"),
+    ("free", "priors", "message"),
     [
         (("focus",), None, "groups \\(shape, focal"),
         (
@@ -222,8 +222,8 @@ def test_priors_are_tolerances_of_the_design():
         ),
     ],
 )
-def test_errors_report_valid_values(free, priors, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_errors_report_valid_values(free, priors, message):
+    with pytest.raises(InvalidParameter, match=message):
         om.SensorModel(sensor_of("sphere"), free, priors)
 
 

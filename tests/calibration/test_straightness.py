@@ -22,11 +22,11 @@ def straightened(camera, corners_px):
     """Return corners (n, 2) px of a board in a perspective view centred on it, at the resolution of
     the image there."""
     rays = camera.backproject(corners_px).directions
-    ahead = rays.mean(axis=0)
-    ahead /= np.linalg.norm(ahead)
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    mean_direction = rays.mean(axis=0)
+    mean_direction /= np.linalg.norm(mean_direction)
+    right = np.cross(mean_direction, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(ahead, right), ahead])
+    axes = np.stack([right, np.cross(mean_direction, right), mean_direction])
     x, y, z = axes @ rays.T
     view = np.stack([x / z, y / z], axis=1)
     focal_px = np.linalg.norm(corners_px - corners_px.mean(axis=0)) / np.linalg.norm(
@@ -35,18 +35,18 @@ def straightened(camera, corners_px):
     return focal_px * view
 
 
-def off_straight_px(camera, detection):
+def straightness_px(camera, detection):
     """Return distances (k,) px of each corner from the best-fit lines of its row and column."""
     view = straightened(camera, detection.corners_px)
     rows, columns = np.divmod(np.asarray(detection.ids), BOARD.columns)
-    off = []
+    distances_px = []
     for line in [view[rows == i] for i in range(BOARD.rows)] + [
         view[columns == i] for i in range(BOARD.columns)
     ]:
         if len(line) > 2:
             from_middle = line - line.mean(axis=0)
-            off.append(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]))
-    return np.concatenate(off)
+            distances_px.append(np.abs(from_middle @ np.linalg.svd(from_middle)[2][1]))
+    return np.concatenate(distances_px)
 
 
 @pytest.mark.full
@@ -54,16 +54,16 @@ def off_straight_px(camera, detection):
 def test_lines_of_boards_are_straight_for_a_misaligned_mirror():
     """Calibrated from noisy corners and evaluated with other, noise-free boards. Without the
     calibrated misalignment, the lines are bent four times as much."""
-    drawn = om.load_sensor("paper-spherical")
-    built = replace(drawn, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, 0.0))
-    seen = om.simulate_detections(built, BOARD, 8, noise_px=0.1, seed=1)
+    nominal = om.load_sensor("paper-spherical")
+    built = replace(nominal, mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, 0.0))
+    detections = om.simulate_detections(built, BOARD, 8, noise_px=0.1, seed=1)
     others = om.simulate_detections(built, BOARD, 8, noise_px=0.0, seed=2)
-    camera = om.calibrate_camera(seen, BOARD, model=drawn).camera
-    off, off_as_drawn = (
-        np.concatenate([off_straight_px(c, d) for d in others]).max() for c in (camera, drawn)
+    camera = om.calibrate_camera(detections, BOARD, model=nominal).camera
+    error_px, nominal_error_px = (
+        np.concatenate([straightness_px(c, d) for d in others]).max() for c in (camera, nominal)
     )
-    assert off < 0.25 * off_as_drawn
-    assert off < 1.0
+    assert error_px < 0.25 * nominal_error_px
+    assert error_px < 1.0
 
 
 @pytest.mark.full
@@ -75,13 +75,13 @@ def test_lines_of_photographed_boards_are_straight():
     camera = om.calibrate_camera(
         detections[::2] + detections[1:4:2], BOARD, model="radial-spline"
     ).camera
-    off = [off_straight_px(camera, d).max() for d in detections]
-    assert max(off) < 1.0
+    errors_px = [straightness_px(camera, d).max() for d in detections]
+    assert max(errors_px) < 1.0
 
 
 ROOM = om.Room(texel_mm=20.0)
 CENTRE, SIZE, RIM = (161.0, 157.0), (320, 320), 150.0
-DRAWN = om.load_sensor("paper-equidistant")
+NOMINAL = om.load_sensor("paper-equidistant")
 CALIBRATED = {
     "unified": om.Unified(
         xi=0.9,
@@ -142,9 +142,9 @@ CALIBRATED = {
         rim_radius_px=RIM,
     ),
     "sensor": replace(
-        DRAWN,
+        NOMINAL,
         mirror_pose=MirrorPose(0.8, -0.5, 0.0, 0.6, -0.5),
-        imager=replace(DRAWN.imager, width_px=320, height_px=320, pixel_pitch_um=3.2 * 5.2),
+        imager=replace(NOMINAL.imager, width_px=320, height_px=320, pixel_pitch_um=3.2 * 5.2),
     ),
 }
 
@@ -158,26 +158,26 @@ EVERY_DAY = ("viewpoint-spline", "a fisheye")
 def test_views_of_calibrated_camera_match_pinhole(name):
     """Dewarped image of distant objects against the scene itself in each direction, every ninth
     pixel."""
-    camera, room = CALIBRATED[name], DistantScene(ROOM)
+    camera, scene = CALIBRATED[name], DistantScene(ROOM)
     sizes = {"ground": (200, 200), "perspective": (320, 180)}
-    taken = om.render_image(camera, room, samples=4)
+    image = om.render_image(camera, scene, samples=4)
     for kind in sorted({*om.views.VIEWS} - {"cube", "mosaic"}):  # which are composed of the others
         options = {"height_mm": 800.0} if kind == "ground" else {}
         options |= {"size": sizes[kind]} if kind in sizes else {}
         screen = om.views.VIEWS[kind](camera, **options)
-        shown = om.Dewarper(camera, screen, "linear")(taken, transparent=True)[::3, ::3]
+        view = om.Dewarper(camera, screen, "linear")(image, transparent=True)[::3, ::3]
         u, v = np.meshgrid(*(np.arange(0.0, n, 3.0) for n in screen.size))
-        seen = np.isfinite(
+        is_valid = np.isfinite(
             camera.project_directions(screen.targets_at(u, v).reshape(-1, 3)).pixels[:, 0]
         )
         if (
             kind == "ground" and not screen.is_distant
         ):  # near points, displaced for a mirror without a single viewpoint
-            seen &= name not in ("viewpoint-spline", "sensor")
-        seen = seen.reshape(u.shape) & (shown[..., 3] == 255)
-        true = render_pinhole_image(room, screen.targets_at(u, v))
-        off = np.abs(shown[..., :3].astype(float) - true)[seen]
-        assert seen.any() or (kind == "ground" and name in ("viewpoint-spline", "sensor"))
-        if seen.any():
-            assert np.median(off) <= 3, kind
-            assert off.mean() < (11 if kind == "ground" else 7), kind
+            is_valid &= name not in ("viewpoint-spline", "sensor")
+        is_valid = is_valid.reshape(u.shape) & (view[..., 3] == 255)
+        true = render_pinhole_image(scene, screen.targets_at(u, v))
+        differences = np.abs(view[..., :3].astype(float) - true)[is_valid]
+        assert is_valid.any() or (kind == "ground" and name in ("viewpoint-spline", "sensor"))
+        if is_valid.any():
+            assert np.median(differences) <= 3, kind
+            assert differences.mean() < (11 if kind == "ground" else 7), kind

@@ -29,7 +29,7 @@ FREE = ("focal", "distance", "decentre", "tilt", "shape")
 HEIGHT = 1200.0
 
 
-def some_covariance(model, size_px=0.2, seed=1):
+def random_covariance(model, size_px=0.2, seed=1):
     """Return the covariance of correlated parameters that move the image by fractions of a pixel."""
     rng = np.random.default_rng(seed)
     mixed = rng.normal(size=(len(model.parameters), len(model.parameters)))
@@ -59,53 +59,53 @@ def models():
     ],
 )
 def test_sampled_parameters_match_uncertainty(model):
-    covariance = some_covariance(model, 0.2 if model.KIND == "sensor" else 0.03)
+    covariance = random_covariance(model, 0.2 if model.KIND == "sensor" else 0.03)
     pixels = np.array([[661.5, 511.5], [511.5, 711.5], [420.0, 450.0], [511.5, 560.0]])
-    said_deg = om.direction_uncertainty(model, pixels, covariance=covariance)
+    sigma_deg = om.direction_uncertainty(model, pixels, covariance=covariance)
     height = HEIGHT if (model.backproject(pixels).directions[:, 2] < 0).any() else -HEIGHT
-    said_mm = om.floor_uncertainty(model, pixels, height_mm=height, covariance=covariance)
+    sigma_mm = om.floor_uncertainty(model, pixels, height_mm=height, covariance=covariance)
     rng = np.random.default_rng(0)
     values = np.array([p.value for p in model.parameters])
     directions, floor = [], []
-    for drawn in rng.multivariate_normal(values, covariance, size=400):
-        rays = model.with_parameters(drawn).backproject(pixels)
+    for sample in rng.multivariate_normal(values, covariance, size=400):
+        rays = model.with_parameters(sample).backproject(pixels)
         directions.append(rays.directions)
         along = (-height - rays.origins[:, 2]) / rays.directions[:, 2]
         floor.append((rays.origins + along[:, None] * rays.directions)[:, :2])
-    assert np.isfinite(said_deg).all()
+    assert np.isfinite(sigma_deg).all()
     for i, _ in enumerate(pixels):
         spread = np.cov(np.array(directions)[:, i].T)
         assert np.degrees(np.sqrt(np.linalg.eigvalsh(spread)[-1])) == pytest.approx(
-            said_deg[i], rel=0.12
+            sigma_deg[i], rel=0.12
         )
-        if np.isfinite(said_mm[i]):
+        if np.isfinite(sigma_mm[i]):
             spread = np.cov(np.array(floor)[:, i].T)
-            assert np.sqrt(np.linalg.eigvalsh(spread)[-1]) == pytest.approx(said_mm[i], rel=0.12)
-    assert np.isfinite(said_mm).sum() >= 2
+            assert np.sqrt(np.linalg.eigvalsh(spread)[-1]) == pytest.approx(sigma_mm[i], rel=0.12)
+    assert np.isfinite(sigma_mm).sum() >= 2
 
 
 def calibrated():
     sensor = sensor_of("sphere")
     model = om.SensorModel(sensor, ("focal", "decentre"))
-    known = Uncertainty(model.free, some_covariance(model))
-    return replace(sensor, uncertainty=known)
+    uncertainty = Uncertainty(model.free, random_covariance(model))
+    return replace(sensor, uncertainty=uncertainty)
 
 
 def test_a_calibrated_sensor_keeps_its_covariance_in_its_file(tmp_path):
     sensor = calibrated()
     om.save_sensor(sensor, tmp_path / "mine.toml")
-    read = om.load_sensor(tmp_path / "mine.toml")
-    assert read == sensor
+    loaded = om.load_sensor(tmp_path / "mine.toml")
+    assert loaded == sensor
     pixels = [[700.0, 500.0], [100.0, 100.0]]
-    own = om.direction_uncertainty(read, pixels)
+    sigmas = om.direction_uncertainty(loaded, pixels)
     model = om.SensorModel(sensor, sensor.uncertainty.names)
     np.testing.assert_array_equal(
-        own, om.direction_uncertainty(model, pixels, covariance=sensor.uncertainty.covariance)
+        sigmas, om.direction_uncertainty(model, pixels, covariance=sensor.uncertainty.covariance)
     )
 
 
 @pytest.mark.parametrize(
-    ("table", "words"),
+    ("table", "message"),
     [
         (
             {"names": ["lens.k1"], "covariance": [[1.0, 0.0]]},
@@ -119,9 +119,9 @@ def test_a_calibrated_sensor_keeps_its_covariance_in_its_file(tmp_path):
         ),
     ],
 )
-def test_a_wrong_table_is_refused_at_its_line(table, words):
+def test_invalid_table_is_rejected_with_its_line(table, message):
     text = tomli_w.dumps({**tables_of(sensor_of("sphere")), "uncertainty": table})
-    with pytest.raises(SpecError, match=words):
+    with pytest.raises(SpecError, match=message):
         om.parse_sensor(text)
 
 
@@ -150,13 +150,17 @@ def test_all_interfaces_return_same_direction_uncertainty():
     truth = om.Unified(
         xi=0.9, focal_px=(160.0, 160.0), centre_px=(322.0, 238.0), image_size=(640, 480)
     )
-    found = om.calibrate_camera(
+    calibration = om.calibrate_camera(
         om.simulate_detections(truth, board, 6, noise_px=0.1), board, model="unified"
     )
     pixels = np.array([[400.0, 240.0], [322.0, 100.0]])
-    ahead = found.model.backproject(pixels).directions @ found.model.mount.rotation()
-    said = found.direction_sigma_deg(ahead)
-    np.testing.assert_allclose(om.direction_uncertainty(found.camera, pixels), said, rtol=1e-6)
+    directions = (
+        calibration.model.backproject(pixels).directions @ calibration.model.mount.rotation()
+    )
+    sigma = calibration.direction_sigma_deg(directions)
+    np.testing.assert_allclose(
+        om.direction_uncertainty(calibration.camera, pixels), sigma, rtol=1e-6
+    )
 
 
 SIZE, CENTRE, FOCAL = (640, 480), (319.5, 239.5), (140.0, 140.0)
@@ -204,31 +208,34 @@ def field_angles_deg(camera, pixels):
 @pytest.mark.parametrize("camera", MODELS, ids=lambda c: f"{c.KIND}-{c.optics}")
 def test_uncertainties_are_restricted_to_the_calibrated_field(camera, tmp_path):
     """All models: via files, for directions, floors, maps, tables and figures."""
-    known = Uncertainty(
-        tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 80.0
+    uncertainty = Uncertainty(
+        tuple(p.name for p in camera.parameters), random_covariance(camera, 0.01), 80.0
     )
-    om.save_camera(replace(camera, uncertainty=known), tmp_path / "camera.toml")
-    read = om.load_camera(tmp_path / "camera.toml")
-    assert read.uncertainty == known
+    om.save_camera(replace(camera, uncertainty=uncertainty), tmp_path / "camera.toml")
+    loaded = om.load_camera(tmp_path / "camera.toml")
+    assert loaded.uncertainty == uncertainty
     pixels = np.random.default_rng(0).uniform(0, np.array(SIZE) - 1, (400, 2))
     angles = field_angles_deg(camera, pixels)
-    seen, inside = np.isfinite(angles), angles <= 80.0
-    assert 0.1 < inside.mean() < seen.mean()
-    np.testing.assert_array_equal(np.isfinite(om.direction_uncertainty(read, pixels)), inside)
-    whole = om.direction_uncertainty(read, pixels, field_deg=180.0)
-    np.testing.assert_array_equal(np.isfinite(whole), seen)
-    np.testing.assert_array_equal(om.direction_uncertainty(read, pixels)[inside], whole[inside])
+    is_finite, inside = np.isfinite(angles), angles <= 80.0
+    assert 0.1 < inside.mean() < is_finite.mean()
+    np.testing.assert_array_equal(np.isfinite(om.direction_uncertainty(loaded, pixels)), inside)
+    unrestricted = om.direction_uncertainty(loaded, pixels, field_deg=180.0)
+    np.testing.assert_array_equal(np.isfinite(unrestricted), is_finite)
+    np.testing.assert_array_equal(
+        om.direction_uncertainty(loaded, pixels)[inside], unrestricted[inside]
+    )
     for height in (1000.0, -1000.0):
         limited, floor = (
-            om.floor_uncertainty(read, pixels, height_mm=height, field_deg=f) for f in (None, 180.0)
+            om.floor_uncertainty(loaded, pixels, height_mm=height, field_deg=f)
+            for f in (None, 180.0)
         )
         np.testing.assert_array_equal(np.isfinite(limited), np.isfinite(floor) & inside)
-        found = om.uncertainty_map(read, height_mm=height, steps=40)
-        grid = np.stack(np.meshgrid(found.columns, found.rows), axis=-1).reshape(-1, 2)
+        calibration = om.uncertainty_map(loaded, height_mm=height, steps=40)
+        grid = np.stack(np.meshgrid(calibration.columns, calibration.rows), axis=-1).reshape(-1, 2)
         outside = ~(field_angles_deg(camera, grid) <= 80.0)
-        assert np.isnan(found.sigma.reshape(-1)[outside]).all()
-        assert (found.field_deg, found.is_restricted) == (80.0, True)
-    table = om.evaluate_camera(read, [0.0, 79.0, 81.0])
+        assert np.isnan(calibration.sigma.reshape(-1)[outside]).all()
+        assert (calibration.field_deg, calibration.is_restricted) == (80.0, True)
+    table = om.evaluate_camera(loaded, [0.0, 79.0, 81.0])
     assert np.isfinite(table.direction_sigma_deg).tolist() == [True, True, False]
     assert table.summary()["calibrated_field_deg"] == 80.0
 
@@ -238,20 +245,22 @@ def test_the_command_reports_the_calibrated_field(tmp_path):
     truth, board = MODELS[0], om.Board("chessboard", 11, 7, 30.0)
     detections = om.simulate_detections(truth, board, 60, noise_px=0.1, seed=4)
     farthest = [field_angles_deg(truth, d.corners_px).max() for d in detections]
-    kept = [d for d, angle in zip(detections, farthest, strict=True) if angle < 95.0][:8]
-    found = om.calibrate_camera(kept, board, model="unified")
+    selected = [d for d, angle in zip(detections, farthest, strict=True) if angle < 95.0][:8]
+    calibration = om.calibrate_camera(selected, board, model="unified")
     outermost = max(angle for angle in farthest if angle < 95.0)
-    assert len(kept) == 8
+    assert len(selected) == 8
     assert (
         70.0
-        < found.field_deg
-        == pytest.approx(max(field_angles_deg(truth, d.corners_px).max() for d in kept), abs=0.5)
+        < calibration.field_deg
+        == pytest.approx(
+            max(field_angles_deg(truth, d.corners_px).max() for d in selected), abs=0.5
+        )
     )
-    assert found.field_deg < outermost + 0.5
-    found.save(tmp_path / "camera.toml")
+    assert calibration.field_deg < outermost + 0.5
+    calibration.save(tmp_path / "camera.toml")
     result = omnimirror("uncertainty", tmp_path / "camera.toml", "--json", tmp_path / "inside.json")
     assert (
-        f"restricted to the calibrated field of 0 to {found.field_deg:.4g} deg; use --field-deg"
+        f"restricted to the calibrated field of 0 to {calibration.field_deg:.4g} deg; use --field-deg"
         in result.stdout
     )
     wide = omnimirror(
@@ -263,11 +272,11 @@ def test_the_command_reports_the_calibrated_field(tmp_path):
         tmp_path / "all.json",
     )
     assert "restricted" not in wide.stdout + wide.stderr
-    inside, everything = (
+    inside, unrestricted = (
         json.loads((tmp_path / f"{name}.json").read_text()) for name in ("inside", "all")
     )
-    assert inside["largest_deg"] < 0.5 * everything["largest_deg"]
-    assert (inside["is_restricted"], everything["is_restricted"]) == (True, False)
+    assert inside["largest_deg"] < 0.5 * unrestricted["largest_deg"]
+    assert (inside["is_restricted"], unrestricted["is_restricted"]) == (True, False)
 
 
 @pytest.mark.parametrize("to", ["opencv-omnidir", "kalibr-ds", "py-ocamcalib", "camodocal"])
@@ -284,35 +293,40 @@ def test_conversion_is_restricted_to_the_calibrated_field(to, tmp_path):
         k3=2e-4,
         optics="mirror",
     )
-    known = Uncertainty(
-        tuple(p.name for p in camera.parameters), some_covariance(camera, 0.01), 95.0
+    uncertainty = Uncertainty(
+        tuple(p.name for p in camera.parameters), random_covariance(camera, 0.01), 95.0
     )
-    known = replace(camera, uncertainty=known)
+    calibrated_camera = replace(camera, uncertainty=uncertainty)
     file = "a.json" if to == "py-ocamcalib" else "a.yaml"
-    made = om.convert(known, tmp_path / file, to=to, tolerance_px=5.0)
-    wide = om.convert(known, tmp_path / file, to=to, tolerance_px=50.0, field_deg=180.0)
-    assert max(c.at_deg for c in made.costs) < 95.0 + 1e-6
-    assert made.largest_px < wide.largest_px / 2
+    conversion = om.convert(calibrated_camera, tmp_path / file, to=to, tolerance_px=5.0)
+    wide = om.convert(calibrated_camera, tmp_path / file, to=to, tolerance_px=50.0, field_deg=180.0)
+    assert max(c.at_deg for c in conversion.costs) < 95.0 + 1e-6
+    assert conversion.largest_px < wide.largest_px / 2
     assert any(
-        "calibrated field of 0 to 95 deg" in note and "fit.field_deg" in note for note in made.notes
+        "calibrated field of 0 to 95 deg" in note and "fit.field_deg" in note
+        for note in conversion.notes
     )
     assert not any("calibrated field" in note for note in wide.notes)
-    refused = r"--tolerance-px .*fit\.field_deg"
+    message = r"--tolerance-px .*fit\.field_deg"
     with pytest.raises(
         InvalidParameter,
-        match=refused + (".*estimation\\.fixed=k3" if to == "opencv-omnidir" else ""),
+        match=message + (".*estimation\\.fixed=k3" if to == "opencv-omnidir" else ""),
     ):
-        om.convert(known, tmp_path / file, to=to)
+        om.convert(calibrated_camera, tmp_path / file, to=to)
 
 
-def test_a_file_of_the_same_numbers_notes_where_they_were_measured(tmp_path):
+def test_exact_conversion_notes_the_calibrated_field(tmp_path):
     camera = MODELS[5]
-    known = Uncertainty(("cx",), ((0.01,),), 70.0)
-    made = om.convert(replace(camera, uncertainty=known), tmp_path / "calib_results.txt")
-    assert made.exact
-    assert any("calibrated field of 0 to 70 deg is not in the file" in note for note in made.notes)
-    ours = om.convert(replace(camera, uncertainty=known), tmp_path / "camera.toml")
-    assert not any("calibrated field" in note for note in ours.notes)
+    uncertainty = Uncertainty(("cx",), ((0.01,),), 70.0)
+    conversion = om.convert(
+        replace(camera, uncertainty=uncertainty), tmp_path / "calib_results.txt"
+    )
+    assert conversion.exact
+    assert any(
+        "calibrated field of 0 to 70 deg is not in the file" in note for note in conversion.notes
+    )
+    own_format = om.convert(replace(camera, uncertainty=uncertainty), tmp_path / "camera.toml")
+    assert not any("calibrated field" in note for note in own_format.notes)
     assert om.load_camera(tmp_path / "camera.toml").uncertainty.field_deg == 70.0
 
 

@@ -91,7 +91,7 @@ LAYOUTS = {
     name: x for kind in FORMATS.values() for name, x in kind.layouts.items() if not x.is_panorama
 }
 HOME = {name: kind for kind in FORMATS.values() for name in kind.layouts}
-HELD = [
+STORED_FIELDS = [
     pytest.param(layout, camera, id=f"{layout}-{camera}")
     for layout in LAYOUTS
     for camera in CAMERAS
@@ -99,7 +99,7 @@ HELD = [
 ]
 
 
-def written(layout, camera):
+def written_content(layout, camera):
     content = LAYOUTS[layout].write(camera, "front")
     return content.encode() if isinstance(content, str) else content
 
@@ -119,32 +119,32 @@ def read(layout, data, camera):
 
 
 def test_every_format_stores_a_camera():
-    assert {p.values[0] for p in HELD} == set(LAYOUTS)
+    assert {p.values[0] for p in STORED_FIELDS} == set(LAYOUTS)
 
 
-@pytest.mark.parametrize(("layout", "name"), HELD)
+@pytest.mark.parametrize(("layout", "name"), STORED_FIELDS)
 def test_written_files_are_recognised_as_one_format(layout, name):
-    data = written(layout, CAMERAS[name])
-    found = [
+    data = written_content(layout, CAMERAS[name])
+    formats = [
         kind for kind in FORMATS.values() if kind.recognises(CameraFile(file_name(layout), data))
     ]
-    assert [kind.title for kind in found] == [HOME[layout].title]
+    assert [kind.title for kind in formats] == [HOME[layout].title]
 
 
-@pytest.mark.parametrize(("layout", "name"), HELD)
+@pytest.mark.parametrize(("layout", "name"), STORED_FIELDS)
 @pytest.mark.parametrize(
     "mount", [Mount(), Mount("forward", 20.0, image_flipped=True)], ids=["plain", "flipped"]
 )
 def test_stored_cameras_round_trip(layout, name, mount):
     camera = replace(CAMERAS[name], mount=mount)
-    (stored,) = read(layout, written(layout, camera), camera)
+    (stored,) = read(layout, written_content(layout, camera), camera)
     pixels = np.random.default_rng(3).uniform(0, np.array(camera.image_size) - 1, (300, 2))
     origins, directions, valid = camera.backproject(pixels)
     assert valid.sum() > 100
     points = origins[valid] + 2000.0 * directions[valid]
-    back = stored.camera.project(points)
-    assert back.valid.all()
-    np.testing.assert_allclose(back.pixels, pixels[valid], rtol=0, atol=1e-9)
+    projection = stored.camera.project(points)
+    assert projection.valid.all()
+    np.testing.assert_allclose(projection.pixels, pixels[valid], rtol=0, atol=1e-9)
 
 
 def refusal(layout, data, camera):
@@ -156,22 +156,22 @@ def refusal(layout, data, camera):
     return None
 
 
-@pytest.mark.parametrize(("layout", "name"), HELD)
+@pytest.mark.parametrize(("layout", "name"), STORED_FIELDS)
 def test_truncated_or_incomplete_files_are_rejected(layout, name):
     """Or read, for example with a missing comment; any other exception fails the test."""
     camera = CAMERAS[name]
-    data = written(layout, camera)
+    data = written_content(layout, camera)
     for i in range(10):
         a, b = len(data) * i // 10, len(data) * (i + 1) // 10
         for part in (data[:a], data[:a] + data[b:]):
-            said = refusal(layout, part, camera)
-            assert said is None or (
-                said.startswith(("camera.", "cannot read camera.")) and "\n" not in said
+            message = refusal(layout, part, camera)
+            assert message is None or (
+                message.startswith(("camera.", "cannot read camera.")) and "\n" not in message
             )
     assert refusal(layout, data[: len(data) // 4], camera) is not None
 
 
-WORDS = [
+TOKENS = [
     b"nan",
     b"inf",
     b"-1e400",
@@ -188,16 +188,16 @@ WORDS = [
 ]
 
 
-@given(st.sampled_from(HELD), st.integers(0, 40), st.sampled_from(WORDS))
-def test_files_with_one_wrong_number_are_read_or_rejected(case, which, word):
+@given(st.sampled_from(STORED_FIELDS), st.integers(0, 40), st.sampled_from(TOKENS))
+def test_files_with_one_changed_number_are_read_or_rejected(case, position, token):
     layout, name = case.values
-    data = written(layout, CAMERAS[name])
+    data = written_content(layout, CAMERAS[name])
     parts = re.split(rb"(?<![\w.])(-?\d+\.?\d*(?:e[-+]?\d+)?)", data)
     if b"\0" in data:
         parts = [data[i : i + 8] for i in range(0, len(data), 8)]
-    parts[2 * (which % (len(parts) // 2)) + 1] = word
-    said = refusal(layout, b"".join(parts), CAMERAS[name])
-    assert said is None or "\n" not in said
+    parts[2 * (position % (len(parts) // 2)) + 1] = token
+    message = refusal(layout, b"".join(parts), CAMERAS[name])
+    assert message is None or "\n" not in message
 
 
 @given(st.sampled_from(sorted(FORMATS)), st.binary(max_size=200))

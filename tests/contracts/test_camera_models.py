@@ -155,11 +155,12 @@ def points_of(model, count=300, seed=3, inside=0.98):
     rng = np.random.default_rng(seed)
     omega = rng.uniform(0.0, inside * model.model_end, count)
     phi = rng.uniform(-np.pi, np.pi, count)
-    ahead = -1.0 if model.optics == "mirror" else 1.0
+    axis_sign = -1.0 if model.optics == "mirror" else 1.0
     directions = np.stack(
-        [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), ahead * np.cos(omega)], axis=-1
+        [np.sin(omega) * np.cos(phi), np.sin(omega) * np.sin(phi), axis_sign * np.cos(omega)],
+        axis=-1,
     )
-    near = np.column_stack([50 * NEAR_AXIS, np.full(len(NEAR_AXIS), ahead * 50.0)])
+    near = np.column_stack([50 * NEAR_AXIS, np.full(len(NEAR_AXIS), axis_sign * 50.0)])
     points = np.concatenate([directions * np.geomspace(30, 3000, count)[:, None], near])
     return points[(np.abs(model.image(points).pixels - C) < 500).all(axis=1)]
 
@@ -175,8 +176,8 @@ def test_derivatives_by_points_and_directions(model):
     points = points_of(model)
     assert len(points) > 150
     for distant in (False, True):
-        found = model.image(points, distant=distant)
-        assert found.valid.all()
+        projection = model.image(points, distant=distant)
+        assert projection.valid.all()
         step = 1e-4
         for axis, unit in enumerate(np.eye(3)):
             expected = differences(
@@ -184,9 +185,9 @@ def test_derivatives_by_points_and_directions(model):
             )
             size = (
                 1e-6 * (1 + np.abs(expected))
-                + 1e-6 * np.linalg.norm(found.d_points, axis=(1, 2))[:, None]
+                + 1e-6 * np.linalg.norm(projection.d_points, axis=(1, 2))[:, None]
             )
-            assert (np.abs(found.d_points[:, :, axis] - expected) < size)[
+            assert (np.abs(projection.d_points[:, :, axis] - expected) < size)[
                 np.isfinite(expected)
             ].all()
 
@@ -194,9 +195,9 @@ def test_derivatives_by_points_and_directions(model):
 @pytest.mark.parametrize("model", CASES)
 def test_derivatives_by_parameters(model):
     points = points_of(model, inside=0.95)
-    found = model.image(points)
+    projection = model.image(points)
     values = np.array([p.value for p in model.parameters])
-    assert found.d_parameters.shape == (len(points), 2, len(values))
+    assert projection.d_parameters.shape == (len(points), 2, len(values))
     for i, parameter in enumerate(model.parameters):
 
         def moved(h, i=i):
@@ -212,7 +213,7 @@ def test_derivatives_by_parameters(model):
             tolerance = 1e-2
         else:
             expected, tolerance = differences(moved, step), 1e-6
-        per_change = np.abs(found.d_parameters[:, :, i] - expected) * parameter.scale
+        per_change = np.abs(projection.d_parameters[:, :, i] - expected) * parameter.scale
         size = tolerance * (1 + np.abs(expected) * parameter.scale)
         assert (per_change < size).all(), parameter.name
 
@@ -229,9 +230,9 @@ def test_parameters_have_unique_names_and_round_trip(model):
     np.testing.assert_array_equal(
         [p.value for p in other.parameters], [p.value + 1e-3 * p.scale for p in parameters]
     )
-    for wrong in ([1.0], np.full(len(parameters), np.nan)):
+    for invalid in ([1.0], np.full(len(parameters), np.nan)):
         with pytest.raises(InvalidParameter, match="values"):
-            model.with_parameters(wrong)
+            model.with_parameters(invalid)
 
 
 @pytest.mark.parametrize("model", CASES)
@@ -249,19 +250,23 @@ def test_image_positions_agree_with_projection(model):
 
 @pytest.mark.parametrize("model", CASES)
 def test_projection_outside_model_domain_is_nan(model):
-    ahead = -1.0 if model.optics == "mirror" else 1.0
-    for factor, seen in ((1 - 1e-6, True), (1 + 1e-6, False)):
-        if not seen and model.model_end > 3.14159:
+    axis_sign = -1.0 if model.optics == "mirror" else 1.0
+    for factor, is_visible in ((1 - 1e-6, True), (1 + 1e-6, False)):
+        if not is_visible and model.model_end > 3.14159:
             continue  # full sphere
         omega = factor * model.model_end
-        direction = [[np.sin(omega), 0.0, ahead * np.cos(omega)]]
-        found = model.image(direction, distant=True)
-        assert found.valid.tolist() == [seen]
-        assert np.isfinite(found.pixels).all() == np.isfinite(found.d_points).all() == seen
-    nothing = model.image([[0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [np.inf, 0.0, 1.0]])
-    assert not nothing.valid.any()
-    assert np.isnan(nothing.pixels).all()
-    assert np.isnan(nothing.d_parameters).all()
+        direction = [[np.sin(omega), 0.0, axis_sign * np.cos(omega)]]
+        projection = model.image(direction, distant=True)
+        assert projection.valid.tolist() == [is_visible]
+        assert (
+            np.isfinite(projection.pixels).all()
+            == np.isfinite(projection.d_points).all()
+            == is_visible
+        )
+    undefined = model.image([[0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [np.inf, 0.0, 1.0]])
+    assert not undefined.valid.any()
+    assert np.isnan(undefined.pixels).all()
+    assert np.isnan(undefined.d_parameters).all()
 
 
 @pytest.mark.parametrize("model", CASES)
@@ -297,6 +302,6 @@ def test_pickle_and_repr_round_trip(model):
 
 @pytest.mark.parametrize("model", CASES)
 def test_projection_of_empty_arrays(model):
-    found = model.image(np.empty((0, 3)))
-    assert found.pixels.shape == (0, 2)
-    assert found.d_parameters.shape == (0, 2, len(model.parameters))
+    projection = model.image(np.empty((0, 3)))
+    assert projection.pixels.shape == (0, 2)
+    assert projection.d_parameters.shape == (0, 2, len(model.parameters))

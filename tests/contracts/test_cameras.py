@@ -147,7 +147,7 @@ MODELS = {
         centre_px=(500.0, 500.0), rim_radius_px=499.0, field_deg=360.0, image_size=(1001, 1001)
     ),
 }
-LOPSIDED = {
+ASYMMETRIC = {
     *("misaligned", "misaligned-telecentric", "distorted-tangentially", "ocam-mirror"),
     *("unified-distorted", "double-sphere", "radial-spline-stretched"),
 }
@@ -168,7 +168,7 @@ CASES = [
 ]
 
 
-def some_pixels(camera, count=400):
+def random_pixels(camera, count=400):
     """Return pixels over the whole image except the outermost corners, with some at its centre."""
     width, height = camera.image_size
     rng = np.random.default_rng(7)
@@ -180,7 +180,7 @@ def some_pixels(camera, count=400):
     )
 
 
-def some_directions(count=400):
+def random_directions(count=400):
     directions = np.random.default_rng(8).normal(size=(count, 3))
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
@@ -228,23 +228,23 @@ def test_invalid_vectors_are_rejected(name):
 
 @pytest.mark.parametrize("camera", CASES)
 def test_project_directions_inverts_backproject(camera):
-    pixels = some_pixels(camera)
+    pixels = random_pixels(camera)
     origins, directions, valid = camera.backproject(pixels)
     assert valid.sum() > 100
     back = camera.project_directions(directions[valid])
     assert back.valid.all()
     np.testing.assert_allclose(back.pixels, pixels[valid], atol=1e-9, rtol=0)
     for distance_mm in (1e3, 1e7):
-        seen = camera.project(origins[valid] + distance_mm * directions[valid])
-        assert seen.valid.all()
-        np.testing.assert_allclose(seen.pixels, pixels[valid], atol=1e-9, rtol=0)
+        projection = camera.project(origins[valid] + distance_mm * directions[valid])
+        assert projection.valid.all()
+        np.testing.assert_allclose(projection.pixels, pixels[valid], atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("camera", CASES)
 def test_backproject_returns_unit_vectors_or_nan(camera):
     width, height = camera.image_size
     pixels = np.concatenate(
-        [some_pixels(camera), [[-0.6, 3.0], [3.0, height], [width + 1e9, 0.0], [np.nan, 5.0]]]
+        [random_pixels(camera), [[-0.6, 3.0], [3.0, height], [width + 1e9, 0.0], [np.nan, 5.0]]]
     )
     origins, directions, valid = camera.backproject(pixels)
     assert origins.shape == directions.shape == (len(pixels), 3)
@@ -257,21 +257,21 @@ def test_backproject_returns_unit_vectors_or_nan(camera):
 
 @pytest.mark.parametrize("camera", CASES)
 def test_project_returns_pixels_in_image_or_nan(camera):
-    directions = np.concatenate([some_directions(), np.eye(3), -np.eye(3)])
+    directions = np.concatenate([random_directions(), np.eye(3), -np.eye(3)])
     pixels, valid = camera.project_directions(directions)
     width, height = camera.image_size
     assert valid.any()
     inside = pixels[valid]
     assert ((inside >= -0.5) & (inside <= (width - 0.5, height - 0.5))).all()
     assert np.isnan(pixels[~valid]).all()
-    nothing = camera.project_directions([[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]])
-    assert not nothing.valid.any()
-    assert np.isnan(nothing.pixels).all()
+    undefined = camera.project_directions([[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]])
+    assert not undefined.valid.any()
+    assert np.isnan(undefined.pixels).all()
 
 
 @pytest.mark.parametrize("camera", CASES)
 def test_projection_is_independent_of_vector_length(camera):
-    directions = some_directions()
+    directions = random_directions()
     short, long = camera.project_directions(directions), camera.project_directions(directions * 1e4)
     np.testing.assert_array_equal(short.valid, long.valid)
     np.testing.assert_allclose(short.pixels, long.pixels, atol=1e-9, rtol=0)
@@ -279,7 +279,7 @@ def test_projection_is_independent_of_vector_length(camera):
 
 @pytest.mark.parametrize("camera", CASES)
 def test_distant_points_are_projected_as_directions(camera):
-    directions = some_directions()
+    directions = random_directions()
     near_enough = camera.project(directions * 1e10)
     limit = camera.project_directions(directions)
     both = near_enough.valid & limit.valid
@@ -292,7 +292,7 @@ def test_declared_axial_symmetry_holds(camera):
     """Directions about the claimed axis are imaged at the claimed radius and equidistant azimuths."""
     symmetry = camera.symmetry
     if symmetry is None:
-        assert any(camera == replace(MODELS[name], mount=camera.mount) for name in LOPSIDED)
+        assert any(camera == replace(MODELS[name], mount=camera.mount) for name in ASYMMETRIC)
         return
     axis = symmetry.axis
     e1 = np.cross(axis, [0.36, 0.48, 0.8])
@@ -318,7 +318,7 @@ def test_orientation_of_image_axes(camera):
         return
     omega = 0.7 * symmetry.omega_min + 0.3 * symmetry.omega_max
     radius = symmetry.radius_px(np.array([omega]))[0]
-    for across, in_picture in (
+    for across, in_image in (
         (symmetry.right, [1, 0]),
         (symmetry.down, [0, 1]),
         (-symmetry.right, [-1, 0]),
@@ -328,7 +328,7 @@ def test_orientation_of_image_axes(camera):
         )
         if valid[0]:
             np.testing.assert_allclose(
-                pixels[0], symmetry.centre_px + radius * np.array(in_picture), atol=1e-8
+                pixels[0], symmetry.centre_px + radius * np.array(in_image), atol=1e-8
             )
 
 
@@ -338,7 +338,7 @@ def test_ray_origins_agree_with_axial_symmetry(camera):
     symmetry = camera.symmetry
     if symmetry is None:
         return
-    pixels = some_pixels(camera)
+    pixels = random_pixels(camera)
     origins, directions, valid = camera.backproject(pixels)
     origins, directions, offsets = (
         origins[valid],
@@ -386,8 +386,8 @@ def test_radial_table_agrees_with_projection(camera, table_of):
     near = axis + np.geomspace(1e-9, 1e-2, 20)[:, None] * (
         0.6 * right - 0.8 * down
     )  # near the axis
-    nothing = [[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]]
-    directions = np.concatenate([some_directions() * 7.5, near, [axis], nothing])
+    invalid_directions = [[0.0, 0.0, 0.0], [np.nan, 1.0, 0.0]]
+    directions = np.concatenate([random_directions() * 7.5, near, [axis], invalid_directions])
     pixels, excess = table_of(camera).pixels_and_excess(directions)
     exact = camera.project_directions(directions).pixels
     np.testing.assert_array_equal(np.isnan(pixels), np.isnan(exact))
@@ -406,7 +406,7 @@ def test_radial_table_agrees_with_projection_of_near_points(camera, table_of):
     odd = np.outer([-300.0, -50.0, 0.1, 50.0, 300.0], s.axis) + 1e-6 * s.right
     points = np.concatenate(
         [
-            some_directions(3000) * distances,
+            random_directions(3000) * distances,
             odd,
             [44.0 * s.right, 44.0 * s.down, [np.nan, 1.0, 0.0]],
         ]
@@ -455,9 +455,9 @@ def test_every_mirror_maps_one_to_one_or_is_rejected(kind, lens):
             continue
         rays = sensor.backproject(pixels)
         assert rays.valid.sum() > 100
-        found = sensor.project_directions(rays.directions[rays.valid])
-        assert found.valid.all()
-        np.testing.assert_allclose(found.pixels, pixels[rays.valid], atol=1e-6)
+        projection = sensor.project_directions(rays.directions[rays.valid])
+        assert projection.valid.all()
+        np.testing.assert_allclose(projection.pixels, pixels[rays.valid], atol=1e-6)
 
 
 @pytest.mark.parametrize("flipped", [False, True])
@@ -479,12 +479,12 @@ def test_handedness_of_image_by_number_of_reflections(model, flipped):
     pixels, valid = model.project_directions([axis + aside * e for e in around])
     assert valid.all()
     (du1, dv1), (du2, dv2) = pixels[1] - pixels[0], pixels[2] - pixels[0]
-    is_clockwise_in_picture = du1 * dv2 - dv1 * du2 > 0  # rows increase downwards
+    is_clockwise_in_image = du1 * dv2 - dv1 * du2 > 0  # rows increase downwards
     is_mirror = (
         getattr(model, "optics", "mirror") == "mirror" and getattr(model, "secondary", None) is None
     )
-    assert is_clockwise_in_picture == (is_mirror == flipped)
-    assert model.is_image_reversed == (not is_clockwise_in_picture)
+    assert is_clockwise_in_image == (is_mirror == flipped)
+    assert model.is_image_reversed == (not is_clockwise_in_image)
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
@@ -504,7 +504,7 @@ def test_flipped_image_is_mirrored(model):
         if name in getattr(model, "__dataclass_fields__", {})
     }
     flipped = replace(flipped, **{name: -getattr(model, name) for name in reversing})
-    directions = some_directions()
+    directions = random_directions()
     straight, reversed_ = (
         model.project_directions(directions),
         flipped.project_directions(directions),

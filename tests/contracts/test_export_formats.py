@@ -56,15 +56,15 @@ def of_mitsuba(paths):
 def of_blender(paths):
     """Convert from x right, y up, z forward in m."""
     origin, direction = (om.read_image(path) for path in paths[2:])
-    ours = [np.stack([v[..., 2], -v[..., 0], v[..., 1]], axis=-1) for v in (origin, direction)]
-    return 1000 * ours[0], ours[1], origin[..., 3]
+    vectors = [np.stack([v[..., 2], -v[..., 0], v[..., 1]], axis=-1) for v in (origin, direction)]
+    return 1000 * vectors[0], vectors[1], origin[..., 3]
 
 
 def of_newton(paths):
     """Convert from x right, y up, -z forward in m; no direction for obscured pixels."""
     rays = np.load(paths[0])[:, :, 0]
-    ours = np.stack([-rays[..., 2], -rays[..., 0], rays[..., 1]], axis=-1)
-    return 1000 * ours[:, :, 0], ours[:, :, 1], ours[:, :, 1].any(-1).astype(float)
+    vectors = np.stack([-rays[..., 2], -rays[..., 0], rays[..., 1]], axis=-1)
+    return 1000 * vectors[:, :, 0], vectors[:, :, 1], vectors[:, :, 1].any(-1).astype(float)
 
 
 READERS = {
@@ -116,7 +116,7 @@ def test_files_have_the_requested_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("path", "formats", "sentence"),
+    ("path", "formats", "message"),
     [
         ("a.foo", None, "the suffix of a.foo must be one of .exr"),
         ("a", None, "formats must be given for the folder"),
@@ -126,8 +126,8 @@ def test_files_have_the_requested_name(tmp_path):
         ("a", [], "formats must contain at least one of exr"),
     ],
 )
-def test_invalid_requests_raise(tmp_path, path, formats, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
+def test_invalid_requests_raise(tmp_path, path, formats, message):
+    with pytest.raises(InvalidParameter, match=message):
         om.write_rays(SENSOR, tmp_path / path, formats=formats, step=64)
     assert not list(tmp_path.iterdir())
 
@@ -137,15 +137,15 @@ def test_an_error_leaves_no_files(tmp_path, monkeypatch):
         paths[0].write_text("half")
         raise OmnimirrorError("the disk is full")
 
-    known = {**RAY_FORMATS, "npz": replace(RAY_FORMATS["npz"], write=fail)}
+    formats = {**RAY_FORMATS, "npz": replace(RAY_FORMATS["npz"], write=fail)}
     with pytest.raises(OmnimirrorError, match="the disk is full"):
-        write_formats(om.ray_table(SENSOR, 64), known, "a", tmp_path, ["exr", "npz"])
+        write_formats(om.ray_table(SENSOR, 64), formats, "a", tmp_path, ["exr", "npz"])
     assert not [p for p in tmp_path.rglob("*") if p.is_file() or TEMPORARY_MARK in p.name]
 
 
 def test_missing_package_raises_with_remedy(tmp_path):
-    known = {"exr": replace(RAY_FORMATS["exr"], packages=("no_such_package",))}
+    formats = {"exr": replace(RAY_FORMATS["exr"], packages=("no_such_package",))}
     with pytest.raises(
         OmnimirrorError, match=r"exr requires no_such_package: run pip install '\.\[interop\]'"
     ):
-        write_formats(om.ray_table(SENSOR, 64), known, "a", tmp_path / "a.exr", None)
+        write_formats(om.ray_table(SENSOR, 64), formats, "a", tmp_path / "a.exr", None)

@@ -128,7 +128,7 @@ def test_sag_and_derivatives_agree_with_textbook_equation(kind):
         sag, xs = exact_sag(mirror), map(mp.mpf, np.linspace(0.05, 0.99, 8) * mirror.rim_radius_mm)
         points = ((x, sag(x), mp.diff(sag, x), mp.diff(sag, x, 2)) for x in xs)
     # quintic splines: about 120 points of the sag or slope of a sphere, and 62 of a mapping, which
-    # loses one derivative less
+    # has one more derivative
     of_points = (1e-9, 5e-8, 5e-6)
     tolerances = {
         "sampled": of_points,

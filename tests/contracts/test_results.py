@@ -33,15 +33,15 @@ def classes_in(annotation: Any) -> Iterator[type]:
 
 def result_classes() -> dict[type, str]:
     """Return the classes that public functions return, each with the first of these functions."""
-    found: dict[type, str] = {}
+    classes: dict[type, str] = {}
     for name in om.__all__:
         function = getattr(om, name)
         if not inspect.isfunction(function) or INPUTS.search(name):
             continue
         for cls in classes_in(typing.get_type_hints(function).get("return")):
             if not hasattr(cls, "backproject") and not issubclass(cls, Exception):  # no camera
-                found.setdefault(cls, name)
-    return found
+                classes.setdefault(cls, name)
+    return classes
 
 
 RESULTS = result_classes()
@@ -73,16 +73,16 @@ def example_of(cls: type, monkeypatch: pytest.MonkeyPatch) -> Result:
         return results[-1]
     name = RESULTS[cls]
     function = getattr(om, name)
-    returned: list[Any] = []
+    return_values: list[Any] = []
 
     def recorded(*args: Any, **kwargs: Any) -> Any:
-        returned.append(function(*args, **kwargs))
-        return returned[-1]
+        return_values.append(function(*args, **kwargs))
+        return return_values[-1]
 
     monkeypatch.setattr(importlib.import_module(f"omnimirror.{om._HOMES[name]}"), name, recorded)
     module = inspect.unwrap(function).__module__
     run_examples(inspect.getdoc(function), {**vars(sys.modules[module]), name: recorded})
-    results = [result for result in results_in(returned) if type(result) is cls]
+    results = [result for result in results_in(return_values) if type(result) is cls]
     assert results, f"the examples of {cls.__name__} and {name} contain no {cls.__name__}"
     return results[-1]
 

@@ -31,7 +31,7 @@ SOURCE = (231, 170)  # odd and even
 FULL = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 KINDS = [(depth, channels) for depth in FULL for channels in (1, 2, 3, 4)]
 SINGLE = ("nearest", "linear", "cubic")
-AVERAGED = ("auto", "area")
+AVERAGING = ("auto", "area")
 UNDECIDED_PX = 2e-3
 """Distance from the image border, or for nearest from the midpoint between pixels, within which
 rounding decides."""
@@ -67,7 +67,7 @@ class Case(NamedTuple):
         return self.at(*np.meshgrid(np.arange(float(width)), np.arange(float(height))))
 
 
-def bent(across: float, down: float) -> Formula:
+def curved_map(across: float, down: float) -> Formula:
     """Return a parabolic map, reproduced exactly by cubics, with the given source pixels per output
     pixel."""
 
@@ -105,11 +105,11 @@ def lattice(at: Formula, size: tuple[int, int], step: int, shift=(0.0, 0.0), pat
     cells = np.full((down, across), -1, np.int32)
     patches = np.empty((0, step, step, 2), np.float32)
 
-    def here(x, y):
+    def position(x, y):
         return at(x + shift[0], y + shift[1])
 
     if not patched:
-        return Case(LatticeMap(nodes, size, SOURCE, step, cells, patches, shift), here)
+        return Case(LatticeMap(nodes, size, SOURCE, step, cells, patches, shift), position)
     cells[1, 1], cells[0, 2] = 0, 1
     one = np.arange(float(step))
     patches = np.stack(
@@ -117,7 +117,7 @@ def lattice(at: Formula, size: tuple[int, int], step: int, shift=(0.0, 0.0), pat
     ).astype(np.float32)
 
     def holed(x, y):
-        pixels = here(x, y)
+        pixels = position(x, y)
         pixels[(y < step) & (x >= 2 * step) & (x < 3 * step)] = np.nan
         return pixels
 
@@ -142,7 +142,7 @@ def refined(size: tuple[int, int]) -> Case:
 
     def at(x, y):
         x, y = np.broadcast_arrays(x, y)
-        pixels = bent(2.1, 1.4)(x, y)
+        pixels = curved_map(2.1, 1.4)(x, y)
         pixels[pixels[..., 0] > 180.0] = np.nan
         return pixels
 
@@ -156,8 +156,8 @@ def two_views(size: tuple[int, int]) -> Case:
     def at(x, y):
         return np.where(
             (x < middle)[..., None],
-            bent(1.3, 1.1)(x, y),
-            [200.3, 150.2] - bent(1.1, 0.9)(x - middle, y),
+            curved_map(1.3, 1.1)(x, y),
+            [200.3, 150.2] - curved_map(1.1, 0.9)(x - middle, y),
         )
 
     views = [Rectangle(0, 0, middle, size[1]), Rectangle(middle, 0, size[0] - middle, size[1])]
@@ -165,19 +165,19 @@ def two_views(size: tuple[int, int]) -> Case:
 
 
 MAKERS: dict[str, Callable[[], Case]] = {
-    "pixels": lambda: Case(pixel_map(bent(2.2, 2.0), (121, 97)), bent(2.2, 2.0)),
+    "pixels": lambda: Case(pixel_map(curved_map(2.2, 2.0), (121, 97)), curved_map(2.2, 2.0)),
     "pixels in float64": lambda: Case(
-        pixel_map(bent(0.7, 0.6), (66, 50), np.float64), bent(0.7, 0.6)
+        pixel_map(curved_map(0.7, 0.6), (66, 50), np.float64), curved_map(0.7, 0.6)
     ),
     "pixels with holes": lambda: Case(
-        pixel_map(with_holes(bent(1.9, 3.4)), (60, 41)), with_holes(bent(1.9, 3.4))
+        pixel_map(with_holes(curved_map(1.9, 3.4)), (60, 41)), with_holes(curved_map(1.9, 3.4))
     ),
     "two views": lambda: two_views((92, 63)),
-    "lattice of 4": lambda: lattice(bent(1.2, 1.0), (101, 64), 4),
-    "lattice of 8, shifted": lambda: lattice(bent(2.4, 1.9), (64, 65), 8, (0.25, 0.5)),
-    "lattice of 16": lambda: lattice(bent(2.3, 2.8), (130, 70), 16),
-    "lattice of 16, patched": lambda: lattice(bent(1.3, 1.6), (130, 90), 16, patched=True),
-    "lattice of 64": lambda: lattice(bent(0.8, 0.5), (203, 101), 64),
+    "lattice of 4": lambda: lattice(curved_map(1.2, 1.0), (101, 64), 4),
+    "lattice of 8, shifted": lambda: lattice(curved_map(2.4, 1.9), (64, 65), 8, (0.25, 0.5)),
+    "lattice of 16": lambda: lattice(curved_map(2.3, 2.8), (130, 70), 16),
+    "lattice of 16, patched": lambda: lattice(curved_map(1.3, 1.6), (130, 90), 16, patched=True),
+    "lattice of 64": lambda: lattice(curved_map(0.8, 0.5), (203, 101), 64),
     "polar": lambda: polar((114.3, 84.1), (3.3, 1.7), (59, 45)),
     "polar, cut by the picture": lambda: polar((101.7, 61.2), (5.2, 2.9), (58, 57)),
     "refined": lambda: refined((120, 97)),
@@ -201,7 +201,7 @@ def case(request) -> Case:
 
 
 @cache
-def picture(
+def random_image(
     depth: str, channels: int, size: tuple[int, int] = SOURCE, noise: float = 0.01
 ) -> np.ndarray:
     """Return an image with structure of many scales."""
@@ -285,7 +285,7 @@ def single_samples(
     name: str, depth: str, channels: int, interpolation: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return image values at the pixels of a map, and the mask independent of rounding."""
-    image, pixels = picture(depth, channels), MAKERS[name]().pixels()
+    image, pixels = random_image(depth, channels), MAKERS[name]().pixels()
     expected = truth(image, pixels, interpolation, border_of(depth, channels))
     return expected, decided(image, pixels, interpolation)
 
@@ -297,22 +297,24 @@ def border_of(depth: str, channels: int) -> list[float]:
 @pytest.mark.parametrize(("depth", "channels"), few(KINDS, ("uint8", 3), ("float32", 1)))
 def test_samples_agree_with_interpolation_formulas(depth, channels, request, case, sampler):
     """Check the first image, and the second, after which a map may have been packed."""
-    image, name = picture(depth, channels), request.node.callspec.params["case"]
+    image, name = random_image(depth, channels), request.node.callspec.params["case"]
     border = border_of(depth, channels)
     for interpolation in SINGLE:
-        expected, sure = single_samples(name, depth, channels, interpolation)
-        assert sure.mean() > 0.97
+        expected, is_decided = single_samples(name, depth, channels, interpolation)
+        assert is_decided.mean() > 0.97
         for _ in range(2):
-            taken = remap(image, case.map, interpolation, border=border)
-            assert taken.dtype == image.dtype
+            samples = remap(image, case.map, interpolation, border=border)
+            assert samples.dtype == image.dtype
             tolerance = 0 if interpolation == "nearest" else TOLERANCE[depth]
-            np.testing.assert_allclose(taken[sure], expected[sure], rtol=0, atol=tolerance)
+            np.testing.assert_allclose(
+                samples[is_decided], expected[is_decided], rtol=0, atol=tolerance
+            )
 
 
 def test_border_and_output_arguments(case, sampler):
     """A grey image without a channel axis; a target with gaps between rows and pixels, returned
     unchanged."""
-    grey, colours = picture("uint8", 1)[..., 0], picture("uint8", 3)
+    grey, colours = random_image("uint8", 1)[..., 0], random_image("uint8", 3)
     for interpolation in INTERPOLATIONS:
         plain = remap(grey, case.map, interpolation, border=9)
         assert plain.shape == case.map.size[::-1]
@@ -334,18 +336,18 @@ def test_constant_image_is_preserved(case, sampler):
     pixels = case.pixels()
     for value in (0, 1, 127, 254, 255):
         image = np.full((SOURCE[1], SOURCE[0], 3), value, np.uint8)
-        sure, inside = decided(image, pixels, "linear"), is_on(image, pixels)
+        is_decided, inside = decided(image, pixels, "linear"), is_on(image, pixels)
         for interpolation in INTERPOLATIONS:
-            taken = remap(image, case.map, interpolation, border=99)
-            assert (taken[inside & sure] == value).all()
-            assert (taken[~inside & sure] == 99).all()
+            samples = remap(image, case.map, interpolation, border=99)
+            assert (samples[inside & is_decided] == value).all()
+            assert (samples[~inside & is_decided] == 99).all()
 
 
 # -- averages
 # ----------------------------------------------------------------------------------------
 
 TAPS = 10  # reference taps per side, independent of the sampler
-LOOKED_AT = 400  # pixels of a view
+SAMPLED_PIXELS = 400  # pixels of a view
 
 
 def footprint_means(
@@ -357,21 +359,21 @@ def footprint_means(
     For ``auto``, a side of s px is shortened by the factor 1 - (1.2 / s)^8. Undefined near the
     field boundary.
     """
-    here = case.at(x, y)
+    origin = case.at(x, y)
 
     def side(dx: int, dy: int) -> np.ndarray:
-        way = case.at(x + dx, y + dy) - here
-        length = np.linalg.norm(way, axis=-1, keepdims=True)
+        edge = case.at(x + dx, y + dy) - origin
+        length = np.linalg.norm(edge, axis=-1, keepdims=True)
         if interpolation == "area":
-            return way
+            return edge
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(length > 1.2, way * (1 - (1.2 / length) ** 8), 0.0)
+            return np.where(length > 1.2, edge * (1 - (1.2 / length) ** 8), 0.0)
 
     aside, upright = (side(-1, 0), side(1, 0)), (side(0, -1), side(0, 1))
     sums = np.zeros((len(x), image.shape[2]))
     parts = (np.arange(TAPS) + 0.5) / TAPS - 0.5
     for s in parts:
-        across = here + abs(s) * aside[int(s > 0)]
+        across = origin + abs(s) * aside[int(s > 0)]
         for t in parts:
             sums += sampled(image, across + abs(t) * upright[int(t > 0)], "cubic")
     return sums / TAPS**2
@@ -394,19 +396,19 @@ def well_inside(image: np.ndarray, case: Case) -> np.ndarray:
 @cache
 def smooth(depth: str, channels: int) -> np.ndarray:
     """Return an image without fine structure, for which all dense taps have the same mean."""
-    values = cv2.GaussianBlur(picture("float32", channels, noise=0.15), (0, 0), 1.6).reshape(
+    values = cv2.GaussianBlur(random_image("float32", channels, noise=0.15), (0, 0), 1.6).reshape(
         SOURCE[1], SOURCE[0], -1
     )
     return values if depth == "float32" else np.rint(values * FULL[depth]).astype(depth)
 
 
 @cache
-def some_means(name: str, interpolation: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def sampled_means(name: str, interpolation: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return rows and columns (n,) of some pixels, and their means (n, 4) in the smooth image."""
     case, image = MAKERS[name](), smooth("float32", 4)
     rows, columns = np.nonzero(well_inside(image, case))
-    some = np.random.default_rng(3).permutation(len(rows))[:LOOKED_AT]
-    rows, columns = rows[some], columns[some]
+    sample = np.random.default_rng(3).permutation(len(rows))[:SAMPLED_PIXELS]
+    rows, columns = rows[sample], columns[sample]
     return (
         rows,
         columns,
@@ -418,14 +420,14 @@ def some_means(name: str, interpolation: str) -> tuple[np.ndarray, np.ndarray, n
 def test_area_samples_are_means_over_footprints(depth, request, case, sampler):
     """The second image equals the first bit by bit."""
     image, name = smooth(depth, 4), request.node.callspec.params["case"]
-    for interpolation in AVERAGED:
-        rows, columns, expected = some_means(name, interpolation)
+    for interpolation in AVERAGING:
+        rows, columns, expected = sampled_means(name, interpolation)
         assert len(rows) > 300
         first, second = (remap(image, case.map, interpolation) for _ in range(2))
         np.testing.assert_array_equal(first, second)
-        off = np.abs(first[rows, columns] / FULL[depth] - expected)
-        assert off.max() < 0.012
-        assert off.mean() < 0.0012 + 0.3 * (depth == "uint8") / 255
+        error = np.abs(first[rows, columns] / FULL[depth] - expected)
+        assert error.max() < 0.012
+        assert error.mean() < 0.0012 + 0.3 * (depth == "uint8") / 255
 
 
 def test_stripes_distinguish_area_from_point_samples(sampler):
@@ -436,22 +438,22 @@ def test_stripes_distinguish_area_from_point_samples(sampler):
     for name in ("pixels", "lattice of 16", "refined"):
         case = MAKERS[name]()
         inner = well_inside(stripes, case)
-        for interpolation in AVERAGED:
-            taken = remap(stripes, case.map, interpolation)[inner].astype(float)
-            assert abs(taken.mean() - 100) < 2
-            assert taken.std() < 25
+        for interpolation in AVERAGING:
+            samples = remap(stripes, case.map, interpolation)[inner].astype(float)
+            assert abs(samples.mean() - 100) < 2
+            assert samples.std() < 25
         assert remap(stripes, case.map, "cubic")[inner].astype(float).std() > 50
 
 
 def test_pixels_outside_annulus_have_no_weight(sampler):
-    """An image that is grey inside the field and bright outside: the outside does not contribute."""
+    """The image is grey inside the field and bright outside; the outside does not contribute."""
     v, u = np.mgrid[: SOURCE[1], : SOURCE[0]]
-    centre, seen = (114.3, 84.1), 70.0
-    image = np.where(np.hypot(u - centre[0], v - centre[1]) < seen + 3, 80, 255).astype(np.uint8)
-    radii, angles = np.arange(2.0, seen, 2.5), np.arange(0.0, 6.0, 0.11)
-    circles = PolarMap(centre, radii, angles, SOURCE, Annulus(*centre, 0.0, seen))
-    for where in (circles, PixelMap.of(circles)):
-        assert (remap(image, where, "area") == 80).all()
+    centre, rim_px = (114.3, 84.1), 70.0
+    image = np.where(np.hypot(u - centre[0], v - centre[1]) < rim_px + 3, 80, 255).astype(np.uint8)
+    radii, angles = np.arange(2.0, rim_px, 2.5), np.arange(0.0, 6.0, 0.11)
+    circles = PolarMap(centre, radii, angles, SOURCE, Annulus(*centre, 0.0, rim_px))
+    for pixel_map in (circles, PixelMap.of(circles)):
+        assert (remap(image, pixel_map, "area") == 80).all()
 
 
 # -- planar YUV, 4:2:0
@@ -466,12 +468,15 @@ def test_chroma_is_interpolated_between_luma_pixels(is_paired, sitings, case, sa
     """A chroma sample at (x, y) between its four pixels has the value of the formula at that point."""
     site, of_view = (np.array(SITINGS[s]) for s in sitings)
     across, down = (SOURCE[0] + 1) // 2, (SOURCE[1] + 1) // 2
-    luma, colours = picture("uint8", 1)[..., 0], picture("uint8", 2, (across, down), noise=0.0)
+    luma, colours = (
+        random_image("uint8", 1)[..., 0],
+        random_image("uint8", 2, (across, down), noise=0.0),
+    )
     parts = (luma, colours) if is_paired else (luma, colours[..., 0], colours[..., 1])
     columns, rows = (-(-n // 2) for n in case.map.size)
     kinds = ((rows, columns, 2),) if is_paired else ((rows, columns),) * 2
     out = tuple(np.empty(shape, np.uint8) for shape in (case.map.size[::-1], *kinds))
-    taken = remap_planes(
+    planes = remap_planes(
         parts,
         case.map,
         case.map.halved(SITINGS[sitings[0]], SITINGS[sitings[1]]),
@@ -479,20 +484,22 @@ def test_chroma_is_interpolated_between_luma_pixels(is_paired, sitings, case, sa
         out,
         (16, 128, 129),
     )
-    chroma = taken[1] if is_paired else np.dstack(taken[1:])
+    chroma = planes[1] if is_paired else np.dstack(planes[1:])
     x, y = np.meshgrid(2.0 * np.arange(columns) + of_view[0], 2.0 * np.arange(rows) + of_view[1])
     pixels = (case.at(x, y) - site) / 2
-    whole = [is_on(luma, case.at(np.floor(x) + i, np.floor(y) + j)) for i in (0, 1) for j in (0, 1)]
-    seen, unseen = np.all(whole, axis=0), ~np.any(whole, axis=0)
+    is_on_luma = [
+        is_on(luma, case.at(np.floor(x) + i, np.floor(y) + j)) for i in (0, 1) for j in (0, 1)
+    ]
+    is_inside, is_outside = np.all(is_on_luma, axis=0), ~np.any(is_on_luma, axis=0)
     if len(getattr(case.map, "_views", ())):  # across the seam, the first pixel is used
-        seen[:, (case.map.size[0] // 2) // 2] = False
-    inner = seen & (pixels > 0).all(axis=-1) & (pixels < [across - 1, down - 1]).all(axis=-1)
+        is_inside[:, (case.map.size[0] // 2) // 2] = False
+    inner = is_inside & (pixels > 0).all(axis=-1) & (pixels < [across - 1, down - 1]).all(axis=-1)
     assert inner.mean() > 0.15
     expected = truth(colours, pixels, "linear", 0)
     assert np.abs(chroma - expected)[inner].max() < 2
-    clear = unseen & decided(luma, case.at(x, y), "linear")
+    clear = is_outside & decided(luma, case.at(x, y), "linear")
     assert (chroma[clear] == (128, 129)).all()
-    np.testing.assert_array_equal(taken[0], remap(luma, case.map, "linear", border=16))
+    np.testing.assert_array_equal(planes[0], remap(luma, case.map, "linear", border=16))
 
 
 # -- properties of maps, and invalid arguments
@@ -500,32 +507,34 @@ def test_chroma_is_interpolated_between_luma_pixels(is_paired, sitings, case, sa
 
 
 def test_maps_store_positions_and_sizes(case):
-    expected, found = case.pixels(), case.map.pixels()
-    assert found.shape == (*case.map.size[::-1], 2)
+    expected, pixels = case.pixels(), case.map.pixels()
+    assert pixels.shape == (*case.map.size[::-1], 2)
     assert case.map.source_size == SOURCE
-    assert not (np.isfinite(found) & np.isnan(expected)).any()
-    missing = np.isnan(found[..., 0]) & np.isfinite(expected[..., 0])
-    image = picture("uint8", 1)
+    assert not (np.isfinite(pixels) & np.isnan(expected)).any()
+    missing = np.isnan(pixels[..., 0]) & np.isfinite(expected[..., 0])
+    image = random_image("uint8", 1)
     assert not (missing & is_on(image, expected) & decided(image, expected, "linear")).any()
-    np.testing.assert_allclose(found[~missing], expected[~missing], atol=1.5e-3)
+    np.testing.assert_allclose(pixels[~missing], expected[~missing], atol=1.5e-3)
     halved = case.map.halved((0.0, 0.5), (0.0, 0.5))
     assert halved.size == tuple(-(-n // 2) for n in case.map.size)
     assert halved.source_size == tuple(-(-n // 2) for n in SOURCE)
 
 
 def test_invalid_sampler_arguments_are_rejected(case, sampler):
-    where, image = case.map, picture("uint8", 3)
-    locked = np.empty((*where.size[::-1], 3), np.uint8)
+    pixel_map, image = case.map, random_image("uint8", 3)
+    locked = np.empty((*pixel_map.size[::-1], 3), np.uint8)
     locked.flags.writeable = False
     for message, call in {
-        "of the map; got": lambda: remap(image[1:], where),
-        "must have 1 to 4 channels": lambda: remap(np.empty((*SOURCE[::-1], 5), np.uint8), where),
-        "got float64": lambda: remap(image.astype(float), where),
-        "out must be .*; got": lambda: remap(image, where, out=np.empty((3, 3, 3), np.uint8)),
-        "out must be writeable": lambda: remap(image, where, out=locked),
-        "border must .*; got 256": lambda: remap(image, where, border=256),
-        r"border must .*; got \(1, 2\)": lambda: remap(image, where, border=(1, 2)),
-        "must be one of .*; got 'lanczos'": lambda: remap(image, where, "lanczos"),
+        "of the map; got": lambda: remap(image[1:], pixel_map),
+        "must have 1 to 4 channels": lambda: remap(
+            np.empty((*SOURCE[::-1], 5), np.uint8), pixel_map
+        ),
+        "got float64": lambda: remap(image.astype(float), pixel_map),
+        "out must be .*; got": lambda: remap(image, pixel_map, out=np.empty((3, 3, 3), np.uint8)),
+        "out must be writeable": lambda: remap(image, pixel_map, out=locked),
+        "border must .*; got 256": lambda: remap(image, pixel_map, border=256),
+        r"border must .*; got \(1, 2\)": lambda: remap(image, pixel_map, border=(1, 2)),
+        "must be one of .*; got 'lanczos'": lambda: remap(image, pixel_map, "lanczos"),
     }.items():
         with pytest.raises(InvalidParameter, match=message):
             call()
@@ -552,10 +561,10 @@ def test_samplers_agree_on_photograph(interpolation, shared_data, uncompiled):
         screens.Plane((320, 200), 10.0, -40.0, 0.0, 130.0),
         screens.CubeMap((240, 160), "3x2"),
     ]
-    taken = [om.Dewarper(ball, view, interpolation)(image) for view in views]
+    samples = [om.Dewarper(ball, view, interpolation)(image) for view in views]
     uncompiled()
-    for view, compiled in zip(views, taken, strict=True):
-        off = np.abs(compiled.astype(int) - om.Dewarper(ball, view, interpolation)(image)).max(
-            axis=-1
-        )
-        assert (off > 1).mean() < (2e-3 if interpolation == "nearest" else 2e-4)
+    for view, compiled in zip(views, samples, strict=True):
+        difference = np.abs(
+            compiled.astype(int) - om.Dewarper(ball, view, interpolation)(image)
+        ).max(axis=-1)
+        assert (difference > 1).mean() < (2e-3 if interpolation == "nearest" else 2e-4)

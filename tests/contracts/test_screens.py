@@ -37,7 +37,7 @@ from tests.conftest import sensor_of
 from tests.contracts.test_cameras import CATADIOPTRIC, SKEWED
 from tests.dewarp.test_handedness import IMAGE_TOP_IS_FORWARD, sensor_with, shortest_path_pixel
 
-MOVED = (40.0, -60.0, 25.0)
+OFFSET = (40.0, -60.0, 25.0)
 
 
 def world(pan, tilt):
@@ -138,19 +138,19 @@ SHAPES = {
     "planet": (LittlePlanet((20, 15), 230.0, "nadir", -70.0), planet),
     "zenith-planet": (LittlePlanet((15, 20), 300.0, "zenith", -70.0), zenith_planet),
 }
-PLACES = {
+VIEWPOINTS = {
     "distant": (inf, (0.0, 0.0, 0.0)),
     "near": (300.0, (0.0, 0.0, 0.0)),
-    "moved": (900.0, MOVED),
+    "moved": (900.0, OFFSET),
 }
 
 
 def placed(shape, distance, offset):
     """Return a screen of a shape with offset, and the target of each of its pixels."""
-    screen, looks = SHAPES[shape]
+    screen, direction_of = SHAPES[shape]
 
     def target(u, v):
-        vector = looks(u, v)
+        vector = direction_of(u, v)
         if vector is None or distance == inf:
             return vector
         return distance * vector + offset
@@ -165,7 +165,11 @@ def ground(u, v):
 
 
 SCREENS = {
-    **{f"{shape}-{place}": placed(shape, *PLACES[place]) for shape in SHAPES for place in PLACES},
+    **{
+        f"{shape}-{name}": placed(shape, *VIEWPOINTS[name])
+        for shape in SHAPES
+        for name in VIEWPOINTS
+    },
     "ground": (Ground((14, 15), 600.0, 50.0, 30.0, (100.0, -50.0, 20.0)), ground),
     "ceiling": (
         Ground((3, 3), -600.0, 200.0),
@@ -190,7 +194,7 @@ CAMERAS = {
     ),
 }
 MOUNTS = [Mount("up"), Mount("down", 20.0), Mount("forward"), Mount("up", 33.0, True, 4.0, -9.0)]
-STANDING = [
+UPRIGHT = [
     pytest.param(
         replace(camera, mount=mount),
         id=f"{name}-{mount.camera_looks}{'-flipped' * mount.image_flipped}",
@@ -202,7 +206,7 @@ STANDING = [
 """Daily cases: each camera with one mount, another than that of the preceding camera."""
 
 
-def whole(screen):
+def all_targets(screen):
     return screen.targets(0, screen.size[1])
 
 
@@ -211,7 +215,7 @@ def test_pixel_directions_follow_conventions(name):
     screen, target = SCREENS[name]
     assert isinstance(screen, Screen)
     width, height = screen.size
-    targets = whole(screen)
+    targets = all_targets(screen)
     assert targets.shape == (height, width, 3)
     scale = 1.0 if screen.is_distant else 1000.0
     for u in range(width):
@@ -220,16 +224,16 @@ def test_pixel_directions_follow_conventions(name):
             if expected is None:
                 assert np.isnan(targets[v, u]).all()
             else:
-                found, expected = targets[v, u], np.asarray(expected, float)
+                direction, expected = targets[v, u], np.asarray(expected, float)
                 if screen.is_distant:
-                    found, expected = (
-                        found / np.linalg.norm(found),
+                    direction, expected = (
+                        direction / np.linalg.norm(direction),
                         expected / np.linalg.norm(expected),
                     )
-                np.testing.assert_allclose(found, expected, atol=1e-12 * scale, rtol=1e-12)
+                np.testing.assert_allclose(direction, expected, atol=1e-12 * scale, rtol=1e-12)
 
 
-@pytest.mark.parametrize("camera", STANDING)
+@pytest.mark.parametrize("camera", UPRIGHT)
 def test_projection_inverts_pixel_directions(camera):
     """The ray of every source pixel passes through the point, and points without a pixel are far
     from all rays."""
@@ -244,42 +248,44 @@ def test_projection_inverts_pixel_directions(camera):
     for name, (screen, _) in SCREENS.items():
         pixels = (
             om.Dewarper(camera, screen).coordinates(exact=True).reshape(-1, 2)
-            if sees(camera, screen)
+            if is_in_field(camera, screen)
             else None
         )
         if pixels is None:
             continue
-        targets = whole(screen).reshape(-1, 3)
-        seen = ~np.isnan(pixels[:, 0])
-        origins, directions, valid = camera.backproject(pixels[seen])
+        targets = all_targets(screen).reshape(-1, 3)
+        is_visible = ~np.isnan(pixels[:, 0])
+        origins, directions, valid = camera.backproject(pixels[is_visible])
         assert valid.all(), name
-        towards = targets[seen] - (0.0 if screen.is_distant else origins)
-        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-        np.testing.assert_allclose(directions, towards, atol=1e-8, err_msg=name)
-        for point in targets[~seen & ~np.isnan(targets[:, 0])][::7]:
-            towards = point - (0.0 if screen.is_distant else far_inside.origins)
-            towards = towards / np.linalg.norm(towards, axis=-1, keepdims=True)
-            nearest = (far_inside.directions * towards).sum(axis=1).max()
+        expected = targets[is_visible] - (0.0 if screen.is_distant else origins)
+        expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+        np.testing.assert_allclose(directions, expected, atol=1e-8, err_msg=name)
+        for point in targets[~is_visible & ~np.isnan(targets[:, 0])][::7]:
+            expected = point - (0.0 if screen.is_distant else far_inside.origins)
+            expected = expected / np.linalg.norm(expected, axis=-1, keepdims=True)
+            nearest = (far_inside.directions * expected).sum(axis=1).max()
             assert np.degrees(np.arccos(min(1.0, nearest))) > 0.5, name
 
 
-def sees(camera, screen):
+def is_in_field(camera, screen):
     return not np.isnan(source_pixels(camera, screen, exact=True)[..., 0]).all()
 
 
-@pytest.mark.parametrize("looks", ["up", "down"])
+@pytest.mark.parametrize("orientation", ["up", "down"])
 @pytest.mark.parametrize(
     "name", [n for n in SCREENS if "near" in n or "moved" in n or n == "ground"]
 )
-def test_points_are_projected_along_shortest_path(name, looks):
+def test_points_are_projected_along_shortest_path(name, orientation):
     """Compared with Fermat's principle for a sphere, without the optics of the package."""
     screen, target = SCREENS[name]
-    sensor = sensor_with(looks, -90.0)
+    sensor = sensor_with(orientation, -90.0)
     pixels = source_pixels(sensor, screen, exact=True)
     v, u = np.nonzero(~np.isnan(pixels[..., 0]))
-    assert len(u) or looks == "down"  # the ground is outside its field
+    assert len(u) or orientation == "down"  # the ground is outside its field
     for i in np.random.default_rng(3).permutation(len(u))[:3]:
-        expected = shortest_path_pixel(np.asarray(target(u[i], v[i])), IMAGE_TOP_IS_FORWARD[looks])
+        expected = shortest_path_pixel(
+            np.asarray(target(u[i], v[i])), IMAGE_TOP_IS_FORWARD[orientation]
+        )
         np.testing.assert_allclose(pixels[v[i], u[i]], expected, atol=5e-3)
 
 
@@ -288,9 +294,9 @@ def test_axes_of_views_are_not_mirrored(name):
     """Right x down points away from the observer; for a ceiling plan, seen from above, towards the
     observer."""
     screen, _ = SCREENS[name]
-    targets = whole(screen) - (0.0 if screen.is_distant else screen.offset_mm)
-    here, right, down = targets[:-1, :-1], targets[:-1, 1:], targets[1:, :-1]
-    turn = np.einsum("hwi,hwi->hw", here, np.cross(right - here, down - here))
+    targets = all_targets(screen) - (0.0 if screen.is_distant else screen.offset_mm)
+    target, right, down = targets[:-1, :-1], targets[:-1, 1:], targets[1:, :-1]
+    turn = np.einsum("hwi,hwi->hw", target, np.cross(right - target, down - target))
     turn = turn[~np.isnan(turn)]
     assert len(turn)
     assert (turn < 0).all() if name == "ceiling" else (turn > 0).all()
@@ -299,7 +305,7 @@ def test_axes_of_views_are_not_mirrored(name):
 @pytest.mark.parametrize("name", SCREENS)
 def test_row_ranges_single_pixels_and_copies_agree(name):
     screen, _ = SCREENS[name]
-    targets = whole(screen)
+    targets = all_targets(screen)
     np.testing.assert_array_equal(screen.targets(1, 3), targets[1:3])
     width, height = screen.size
     u, v = np.meshgrid(np.arange(width), np.arange(height))
@@ -307,15 +313,15 @@ def test_row_ranges_single_pixels_and_copies_agree(name):
     assert eval(repr(screen)) == screen
     assert pickle.loads(pickle.dumps(screen)) == screen
     assert len({screen, eval(repr(screen))}) == 1
-    place = ", at " in str(screen)
-    assert place == (not screen.is_distant and not isinstance(screen, Ground))
+    has_viewpoint = ", at " in str(screen)
+    assert has_viewpoint == (not screen.is_distant and not isinstance(screen, Ground))
     assert ("offset by" in str(screen)) == any(screen.offset_mm)
 
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_single_pixel_view_is_valid(name):
     screen = replace(SCREENS[name][0], size=(1, 1))
-    targets = whole(screen)
+    targets = all_targets(screen)
     assert targets.shape == (1, 1, 3)
     if "dome" not in name or "zenith" in name:  # a dome can exclude its pole
         assert np.isfinite(targets).all()
@@ -336,15 +342,15 @@ def test_single_viewpoint_views_are_independent_of_distance(name, shape):
     for distance in (1.0, 300.0, 1e9):
         near = replace(SHAPES[shape][0], distance_mm=distance)
         for viewpoint in ("exact", "single", 0.0):
-            found = exact_pixels(camera, near, viewpoint)
-            np.testing.assert_array_equal(np.isnan(found), np.isnan(distant))
-            np.testing.assert_allclose(found, distant, atol=1e-9, rtol=0)
+            pixels = exact_pixels(camera, near, viewpoint)
+            np.testing.assert_array_equal(np.isnan(pixels), np.isnan(distant))
+            np.testing.assert_allclose(pixels, distant, atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_large_distance_equals_infinity(shape):
     camera = CAMERAS["paper-spherical"]
-    far = exact_pixels(camera, replace(SHAPES[shape][0], distance_mm=1e11, offset_mm=MOVED))
+    far = exact_pixels(camera, replace(SHAPES[shape][0], distance_mm=1e11, offset_mm=OFFSET))
     distant = exact_pixels(camera, SHAPES[shape][0])
     both = ~np.isnan(far[..., 0]) & ~np.isnan(distant[..., 0])
     assert both.sum() > 0.95 * (~np.isnan(distant[..., 0])).sum()
@@ -367,10 +373,14 @@ def test_zoom_magnifies_about_centre(name, factor):
     u = (width - 1) / 2 + np.linspace(-0.4, 0.4, 5) * width / max(1, factor)
     v = ((height - 1) / 2 + np.linspace(-0.4, 0.4, 5) * height / max(1, factor))[:, None]
     far_u, far_v = (c + factor * (x - c) for x, c in ((u, (width - 1) / 2), (v, (height - 1) / 2)))
-    here, there = screen.targets_at(u, v), zoomed.targets_at(far_u, far_v)
-    shown = ~np.isnan(here) & ~np.isnan(there)  # the zoomed dome ends at its circle
-    assert shown.mean() > 0.5
-    np.testing.assert_allclose(there[shown], here[shown], rtol=1e-9, atol=1e-9)
+    direction, zoomed_direction = screen.targets_at(u, v), zoomed.targets_at(far_u, far_v)
+    is_valid = ~np.isnan(direction) & ~np.isnan(
+        zoomed_direction
+    )  # the zoomed dome ends at its circle
+    assert is_valid.mean() > 0.5
+    np.testing.assert_allclose(
+        zoomed_direction[is_valid], direction[is_valid], rtol=1e-9, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", SCREENS)
@@ -380,8 +390,8 @@ def test_pan_rotates_about_vertical(name):
     if not isinstance(screen, Ground) or not any(screen.offset_mm):
         offset = screen.offset_mm
         c, s = math.cos(math.radians(40)), math.sin(math.radians(40))
-        turned = (whole(screen) - offset) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]).T
-        np.testing.assert_allclose(whole(screen.panned(40.0)) - offset, turned, atol=1e-9)
+        turned = (all_targets(screen) - offset) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]).T
+        np.testing.assert_allclose(all_targets(screen.panned(40.0)) - offset, turned, atol=1e-9)
     assert screen.panned(0.0) == screen or isinstance(screen, Cylinder)
 
 
@@ -391,8 +401,8 @@ def test_tilt_shifts_view_upwards():
     assert Equirectangular((8, 4), -40.0, 20.0).panned(0.0, 10.0) == Equirectangular(
         (8, 4), -30.0, 30.0
     )
-    bent = Cylinder((8, 5), -45.0, 45.0, rows="height").panned(0.0, 45.0)
-    assert (bent.tilt_min_deg, bent.tilt_max_deg) == pytest.approx(
+    panned = Cylinder((8, 5), -45.0, 45.0, rows="height").panned(0.0, 45.0)
+    assert (panned.tilt_min_deg, panned.tilt_max_deg) == pytest.approx(
         (0.0, math.degrees(math.atan(2)))
     )
     for screen in (
@@ -421,14 +431,14 @@ def test_invalid_zoom_is_rejected(factor):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
-def test_cube_faces_are_perpendicular_views(layout, place):
+@pytest.mark.parametrize("viewpoint", VIEWPOINTS.values(), ids=VIEWPOINTS)
+def test_cube_faces_are_perpendicular_views(layout, viewpoint):
     columns, rows = CubeMap.grid(layout)
-    cube = CubeMap((columns * 6, rows * 6), layout, 20.0, *place)
+    cube = CubeMap((columns * 6, rows * 6), layout, 20.0, *viewpoint)
     assert isinstance(cube, Composite)
     assert not isinstance(cube, Screen)
     assert eval(repr(cube)) == cube
-    looks = {
+    orientations = {
         "front": (20, 0),
         "right": (110, 0),
         "back": (200, 0),
@@ -438,22 +448,23 @@ def test_cube_faces_are_perpendicular_views(layout, place):
     }
     camera = CAMERAS["ball"]
     pixels = source_pixels(camera, cube, exact=True)
-    shown = np.zeros(pixels.shape[:2], bool)
-    for name, (pan, tilt) in looks.items():
+    is_covered = np.zeros(pixels.shape[:2], bool)
+    for name, (pan, tilt) in orientations.items():
         ((j, i),) = [
             (j, i) for j, row in enumerate(LAYOUTS[layout]) for i, n in enumerate(row) if n == name
         ]
         part = pixels[j * 6 : j * 6 + 6, i * 6 : i * 6 + 6]
-        face = Plane((6, 6), pan, tilt, 0.0, 90.0, *place)
+        face = Plane((6, 6), pan, tilt, 0.0, 90.0, *viewpoint)
         np.testing.assert_array_equal(part, source_pixels(camera, face, exact=True))
-        shown[j * 6 : j * 6 + 6, i * 6 : i * 6 + 6] = True
-    assert np.isnan(pixels[~shown]).all()
+        is_covered[j * 6 : j * 6 + 6, i * 6 : i * 6 + 6] = True
+    assert np.isnan(pixels[~is_covered]).all()
 
 
 def test_adjacent_cube_faces_are_continuous():
     """The last pixel of one face and the first of the next are 0.5 px to either side of their edge."""
     faces = {
-        name: whole(CubeMap((400, 300)).face(name)) for name in ("front", "right", "up", "down")
+        name: all_targets(CubeMap((400, 300)).face(name))
+        for name in ("front", "right", "up", "down")
     }
     f = faces["front"]
     for edge, neighbour in (
@@ -486,8 +497,8 @@ def test_mosaic_consists_of_its_views():
         om.Dewarper(sensor, mosaic).coordinates(exact=True), expected, atol=1e-9
     )
     assert not np.allclose(expected[0, :8], expected[0, 10:18], atol=2.0)
-    picture = np.full((1024, 1024), 255, np.uint8)
-    straight = om.Dewarper(sensor, mosaic, "nearest")(picture)
+    image = np.full((1024, 1024), 255, np.uint8)
+    straight = om.Dewarper(sensor, mosaic, "nearest")(image)
     np.testing.assert_array_equal(straight == 255, ~np.isnan(expected[..., 0]))
 
 

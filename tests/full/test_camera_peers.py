@@ -13,7 +13,15 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras.models import EnhancedUnified, OCam
-from tests.calibration.formats.examples import KANNALA_BRANDT, SIZE, THIN_PRISM, UNIFIED, C, F, seen
+from tests.calibration.formats.examples import (
+    KANNALA_BRANDT,
+    SIZE,
+    THIN_PRISM,
+    UNIFIED,
+    C,
+    F,
+    projected_points,
+)
 
 pytestmark = pytest.mark.full
 CONTRIB = Path(sys.prefix) / "opencv-contrib"
@@ -50,7 +58,7 @@ def omnidir(folder, points):
 @pytest.mark.parametrize("flip", [False, True])
 def test_projection_agrees_with_omnidir(tmp_path, flip, beside):
     made = om.convert(UNIFIED, tmp_path / "a.yaml", to="opencv-omnidir", flip=flip)
-    pixels, points = seen(made.camera)
+    pixels, points = projected_points(made.camera)
     assert made.exact
     off = np.abs(omnidir(tmp_path, points) - pixels).max()
     beside("OpenCV", "points projected by cv2.omnidir with exported camera files", off, 1e-6, "px")
@@ -61,7 +69,7 @@ def test_conversion_to_omnidir_has_reported_error(tmp_path):
         pytest.skip(f"no sample files at {SAMPLE}")
     camera = om.load_ocam(SAMPLE / "calib_results_catadioptric.txt")
     made = om.convert(camera, tmp_path / "a.yaml", to="opencv-omnidir", tolerance_px=0.5)
-    pixels, points = seen(camera)
+    pixels, points = projected_points(camera)
     error = np.hypot(*(omnidir(tmp_path, points) - pixels).T)
     assert error.max() <= made.largest_px * 1.01
     assert np.sqrt(np.mean(error**2)) == pytest.approx(made.rms_px, rel=0.25)
@@ -87,7 +95,7 @@ def test_colmap_reads_and_projects_written_cameras(tmp_path, to, name, beside):
     om.convert(camera, tmp_path / name, to=to)
     theirs = colmap_camera(pycolmap, tmp_path, name)
     assert (theirs.width, theirs.height) == SIZE
-    pixels, points = seen(camera, 85.0)
+    pixels, points = projected_points(camera, 85.0)
     projected = np.array([theirs.img_from_cam(point) for point in points])
     off = np.abs(projected - pixels - 0.5).max()
     beside(

@@ -266,18 +266,18 @@ class Recipes:
 
     def Optics(self) -> Arguments:
         nodes = self.floats(int(self.random.choice([0, 2, 30])), 3, high=0.1, dtype="float32")
-        some = bool(self.random.integers(0, 2))
+        is_distorted = bool(self.random.integers(0, 2))
         return {
             "telecentric": False,
             "centre": (8.0, 8.0),
             "scale": (0.02, 0.02),
-            "distortion": (0.1 * some, 0.0, 0.0, 0.0, 0.0),
+            "distortion": (0.1 * is_distorted, 0.0, 0.0, 0.0, 0.0),
             "fold": 100.0,
             "focus": 200.0,
             "stop": 1.0,
             "vertex": (0.0, 0.0, 180.0),
             "axes": tuple(np.eye(3).ravel()),
-            "aligned": not some,
+            "aligned": not is_distorted,
             "curvature": -0.02,
             "conic": 0.0,
             "rim": 40.0,
@@ -288,14 +288,14 @@ class Recipes:
             "body_radius": 20.0,
             "lens_radius": 10.0,
             "edge_z": 0.0,
-            "edge_radius": 50.0 * some,
-            "rod_z": (0.0, 100.0 * some),
+            "edge_radius": 50.0 * is_distorted,
+            "rod_z": (0.0, 100.0 * is_distorted),
             "rod_radius": (1.0, 1.0),
             "housing_light": (0.1,) * 3,
             "direct_view": True,
             "rotation": tuple(np.eye(3).ravel()),
             "shift": (0.0,) * 3,
-            "distant": some,
+            "distant": is_distorted,
         }
 
     def optics(self) -> Any:
@@ -345,8 +345,8 @@ class Recipes:
         arguments = self.exposure()
         shape = (self.side(9), self.side(20), len(arguments["points"]))
         vectors = {name: self.b.empty((*shape, 3), "float32") for name in ("origins", "directions")}
-        weights, fates = self.b.empty(shape, "float32"), self.b.empty(shape, "uint8")
-        return {**arguments, **vectors, "weights": weights, "fates": fates}
+        weights, outcomes = self.b.empty(shape, "float32"), self.b.empty(shape, "uint8")
+        return {**arguments, **vectors, "weights": weights, "fates": outcomes}
 
     def expose_surfaces(self) -> Arguments:
         arguments = self.exposure()
@@ -377,8 +377,8 @@ class Recipes:
     def BlurKernels(self) -> Arguments:
         width, height, block = self.side(50), self.side(50), int(self.random.choice([1, 2, 4, 8]))
         blocks = -(-width // 8) * 8 // block
-        left = int(self.random.integers(0, -(-width // 8))) * 8
-        tiles = [[(0, height, 0, width), (0, height, left, width)]]
+        start = int(self.random.integers(0, -(-width // 8))) * 8
+        tiles = [[(0, height, 0, width), (0, height, start, width)]]
         kernels = self.random.integers(0, 2, (height, blocks))
         return {
             "width": width,
@@ -559,8 +559,8 @@ def functions_of(module: Any) -> Iterator[tuple[str, Callable[..., Any]]]:
 def invalid_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> Any:
     """Return an array with one modification."""
     random = b.random
-    way = int(random.integers(0, 11))
-    if way == 0:  # some values
+    defect = int(random.integers(0, 11))
+    if defect == 0:  # some values
         changed = b.copy(array)
         if changed.size:
             at = random.integers(0, changed.size, int(random.integers(1, 1 + changed.size)))
@@ -571,24 +571,24 @@ def invalid_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
                     array.dtype
                 )
         return changed
-    if way == 1:
+    if defect == 1:
         return b.copy(
             np.full(array.shape, np.nan) if array.dtype.kind == "f" else np.full_like(array, 127)
         )
-    if way == 2:  # another length along an axis
+    if defect == 2:  # another length along an axis
         shape = list(array.shape) or [1]
         shape[int(random.integers(0, len(shape)))] = int(random.choice([0, 1, 2, 3, 5, 17]))
         return b.copy(np.resize(array, shape) if array.size else np.zeros(shape), array.dtype)
-    if way == 3:
+    if defect == 3:
         with np.errstate(all="ignore"):
             return b.copy(array.real, str(random.choice(TYPES)))
-    if way == 4:
+    if defect == 4:
         return b.copy(array, odd=int(random.integers(1, 8)))
-    if way == 5:  # with gaps
+    if defect == 5:  # with gaps
         return np.repeat(b.copy(array), 2, axis=-1)[..., ::2] if array.ndim else array
-    if way == 6:
+    if defect == 6:
         return b.copy(array)[::-1] if array.ndim else array
-    if way == 7:  # memory of another argument
+    if defect == 7:  # memory of another argument
         other = others[int(random.integers(0, len(others)))]
         if other.flags.c_contiguous and other.nbytes >= array.nbytes and array.nbytes:
             return (
@@ -598,9 +598,9 @@ def invalid_array(array: np.ndarray, others: list[np.ndarray], b: Buffers) -> An
                 .reshape(array.shape)
             )
         return other
-    if way == 8:
+    if defect == 8:
         return b.copy(array[0] if array.ndim and len(array) else array.reshape(-1))
-    if way == 9:
+    if defect == 9:
         changed = b.copy(array)
         changed.flags.writeable = False
         return changed
@@ -641,9 +641,11 @@ def run(calls: int, seed: int) -> dict[str, tuple[int, int]]:
         bound, arguments = call if isinstance(call, tuple) else (None, call)
         for _ in range(int(b.random.integers(0, 4))):
             if arguments:
-                which = str(b.random.choice(sorted(arguments)))
-                arguments[which] = invalid(
-                    arguments[which], arrays_in(tuple(arguments.values())) or [np.zeros(3)], b
+                argument_name = str(b.random.choice(sorted(arguments)))
+                arguments[argument_name] = invalid(
+                    arguments[argument_name],
+                    arrays_in(tuple(arguments.values())) or [np.zeros(3)],
+                    b,
                 )
         function = functions[name]
         completed, rejected = counts[name]

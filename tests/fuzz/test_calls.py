@@ -42,8 +42,8 @@ from . import workflows
 
 SENSOR = om.load_sensor("paper-spherical")
 SMALL = replace(SENSOR, imager=Imager(32, 32, 166.4))
-PICTURE = np.zeros((32, 32, 3), np.uint8)
-WANTED = om.Requirements(
+BLANK_IMAGE = np.zeros((32, 32, 3), np.uint8)
+REQUIREMENTS = om.Requirements(
     field=om.FieldRequirements(omega_max_deg=120.0),
     mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=40.0),
     lens=om.LensRequirements(theta_max_deg=12.0),
@@ -81,8 +81,8 @@ SPLINE = {
 def used(kind: type[RadialModel]) -> Callable[..., None]:
     """Return a function that creates a camera and uses it."""
 
-    def use(**words: Any) -> None:
-        camera = kind(**words)
+    def use(**arguments: Any) -> None:
+        camera = kind(**arguments)
         camera.image([[1.0, 2.0, -3.0], [0.0, 0.0, 1.0]])
         camera.backproject([[3.0, 4.0], [16.0, 15.0]])
         camera.project([[1.0, 2.0, -3.0]])
@@ -170,10 +170,10 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "compare": (om.compare, {"sensors": [SENSOR]}),
     "load_sensor": (om.load_sensor, {"name_or_path": "paper-spherical"}),
-    "load_requirements": (om.load_requirements, {"path": "wanted.toml"}),
+    "load_requirements": (om.load_requirements, {"path": "requirements.toml"}),
     "load_ocam": (om.load_ocam, {"path": "calib.txt", "optics": "mirror", "rim_radius_px": 200.0}),
     "read_image": (om.read_image, {"path": "a.png"}),
-    "write_image": (om.write_image, {"path": "b.png", "image": PICTURE, "panorama": None}),
+    "write_image": (om.write_image, {"path": "b.png", "image": BLANK_IMAGE, "panorama": None}),
     "MirrorBall": (
         om.MirrorBall,
         {
@@ -250,21 +250,21 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Requirements": (
         om.Requirements,
         {
-            "field": WANTED.field,
-            "mirror": WANTED.mirror,
-            "lens": WANTED.lens,
-            "imager": WANTED.imager,
+            "field": REQUIREMENTS.field,
+            "mirror": REQUIREMENTS.mirror,
+            "lens": REQUIREMENTS.lens,
+            "imager": REQUIREMENTS.imager,
             "limits": (),
             "name": "a",
         },
     ),
-    "format_requirements": (om.format_requirements, {"requirements": WANTED}),
+    "format_requirements": (om.format_requirements, {"requirements": REQUIREMENTS}),
     "check_requirements": (
         om.check_requirements,
-        {"requirements": WANTED, "sensor": SENSOR, "angles": 11},
+        {"requirements": REQUIREMENTS, "sensor": SENSOR, "angles": 11},
     ),
     "Dewarper": (
-        lambda **words: om.Dewarper(**words)(PICTURE),
+        lambda **arguments: om.Dewarper(**arguments)(BLANK_IMAGE),
         {
             "camera": SMALL,
             "view": om.screens.Cylinder((36, 12), -40.0, 20.0),
@@ -274,7 +274,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "ColourDewarper": (
-        lambda **words: om.ColourDewarper(**words)(PICTURE),
+        lambda **arguments: om.ColourDewarper(**arguments)(BLANK_IMAGE),
         {
             "cameras": (SMALL,) * 3,
             "view": om.screens.Cylinder((36, 12), -40.0, 20.0),
@@ -285,7 +285,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "picture": (
         om.Dewarper(SMALL, om.screens.Cylinder((36, 12), -40.0, 20.0)),
-        {"image": PICTURE, "transparent": False, "out": None},
+        {"image": BLANK_IMAGE, "transparent": False, "out": None},
     ),
     "Cylinder": (
         om.screens.Cylinder,
@@ -349,11 +349,11 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "field_deg": 90.0,
         },
     ),
-    "show": (om.show, {"image": PICTURE, "camera": SMALL, "height_px": 300}),
+    "show": (om.show, {"image": BLANK_IMAGE, "camera": SMALL, "height_px": 300}),
     "Imager": (Imager, {"width_px": 32, "height_px": 32, "pixel_pitch_um": 5.0}),
     **workflows.CALLS,
 }
-ELSEWHERE = {
+OTHER_TESTS = {
     "Body",
     "Calibration",
     "ColmapProject",
@@ -403,12 +403,17 @@ ELSEWHERE = {
     "write_video_dataset",
 }
 """Public names without a call here: too slow for hundreds of calls, or results of other functions."""
-SLOW = (
+SLOW_CALLS = (
     "calibrate_camera",
     "write_comparison",
     "convert",
 )  # covered sufficiently by ``test_any_values...``
-LONG = ("calibrate_camera", "write_calibration_dataset", "write_comparison", "write_tolerances")
+FULL_CALLS = (
+    "calibrate_camera",
+    "write_calibration_dataset",
+    "write_comparison",
+    "write_tolerances",
+)
 ODD = (
     None,
     "",
@@ -455,7 +460,7 @@ def _files(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         (folder / "calib.txt").write_text(OCAM)
-        (folder / "wanted.toml").write_text(
+        (folder / "requirements.toml").write_text(
             'field.omega_max_deg = 90\nmirror = {mapping = "equidistant", rim_radius_mm = '
             "40.0}\nlens.theta_max_deg = 12.0\n"
         )
@@ -466,48 +471,48 @@ def _files(tmp_path_factory):
 
 
 def call(name: str, changed: dict[str, Any]) -> None:
-    function, words = CALLS[name]
+    function, arguments = CALLS[name]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            function(**words | changed)
+            function(**arguments | changed)
         except OmnimirrorError as e:
-            sentence = str(e)
-            assert "\n" not in sentence
-            assert len(sentence) < 700, sentence
+            message = str(e)
+            assert "\n" not in message
+            assert len(message) < 700, message
     assert not [
         path for path in Path().iterdir() if TEMPORARY_MARK in path.name
     ]  # no partial output remains
 
 
-@pytest.mark.parametrize("name", few(CALLS, *(name for name in CALLS if name not in LONG)))
+@pytest.mark.parametrize("name", few(CALLS, *(name for name in CALLS if name not in FULL_CALLS)))
 def test_valid_calls_succeed(name):
-    function, words = CALLS[name]
-    found = function(**words)
-    if not isinstance(found, str | list):
+    function, arguments = CALLS[name]
+    result = function(**arguments)
+    if not isinstance(result, str | list):
         assert (
-            len(repr(found)) < 15_000
+            len(repr(result)) < 15_000
         )  # console output of a result: its numbers, not its thousand angles
 
 
 def test_every_public_function_is_called():
     called = {name.split(" ")[0] for name in CALLS}
-    assert not {name for name in om.__all__ if not name.startswith("__")} - called - ELSEWHERE
+    assert not {name for name in om.__all__ if not name.startswith("__")} - called - OTHER_TESTS
 
 
 @pytest.mark.parametrize(
     "name",
     few(
-        (name for name in CALLS if name not in SLOW),
-        *(name for name in CALLS if name not in (*SLOW, *LONG)),
+        (name for name in CALLS if name not in SLOW_CALLS),
+        *(name for name in CALLS if name not in (*SLOW_CALLS, *FULL_CALLS)),
     ),
 )
 def test_unusual_values_are_rejected(name):
-    few = range(
+    numbers = range(
         0, len(ODD), 3
     )  # every third value of each argument, with another offset for the next
     for i, argument in enumerate(CALLS[name][1]):
-        for k in few:
+        for k in numbers:
             value = ODD[(k + i) % len(ODD)]
             try:
                 call(name, {argument: value})
@@ -538,9 +543,9 @@ def test_arbitrary_values_are_rejected(name, data):
     ],
 )
 def test_impossible_sensor_values_are_rejected(name, argument, value):
-    function, words = CALLS[name]
+    function, arguments = CALLS[name]
     with pytest.raises(OmnimirrorError, match=rf"{argument} .*must"):
-        function(**words | {argument: value})
+        function(**arguments | {argument: value})
 
 
 def test_integers_may_exceed_int64():
@@ -555,15 +560,15 @@ def test_integers_may_exceed_int64():
     [("uncertainty_map", "steps"), ("simulate_detections", "count"), ("refine_corners", "passes")],
 )
 def test_excessive_counts_are_rejected(name, argument):
-    function, words = CALLS[name]
+    function, arguments = CALLS[name]
     with pytest.raises(
         OmnimirrorError, match=f"{argument} must be an integer between .*; got 1000000000"
     ):
-        function(**words | {argument: 10**9})
+        function(**arguments | {argument: 10**9})
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "changes"),
     [
         ("image", {"points_mm": np.zeros((1, 3), complex)}),
         ("image", {"points_mm": np.ones((1, 2, 3))}),
@@ -576,18 +581,18 @@ def test_excessive_counts_are_rejected(name, argument):
         ("SensorModel", {"priors": (each for each in (1,))}),
         ("field_angles", {"step_deg": 1e-9}),
         ("Dewarper", {"view": Path("a.png")}),
-        ("write_colmap", {"folder": "wanted.toml"}),
-        ("write_training_dataset", {"folder": "wanted.toml"}),
+        ("write_colmap", {"folder": "requirements.toml"}),
+        ("write_training_dataset", {"folder": "requirements.toml"}),
         ("dewarp_video", {"camera": lambda size: size}),
     ],
 )
-def test_invalid_numbers_lists_pairs_and_cameras(name, words):
+def test_invalid_numbers_lists_pairs_and_cameras(name, changes):
     function, usual = CALLS[name]
     with pytest.raises(
         OmnimirrorError,
         match=r"valid|must|cannot be read as numbers| is not | not a name|Not a directory",
     ):
-        function(**usual | words)
+        function(**usual | changes)
 
 
 def test_covariance_may_contain_zeros_and_rounding_errors():
@@ -604,7 +609,7 @@ PINHOLE = {"focal_px": (100.0, 100.0), **IMAGE}
 
 
 @pytest.mark.parametrize(
-    ("call", "sentence"),
+    ("call", "message"),
     [
         (
             lambda _: om.mtf(SENSOR, [0.0], wavelength_nm=[500.0, 600.0], weights=[1.0]),
@@ -730,17 +735,17 @@ PINHOLE = {"focal_px": (100.0, 100.0), **IMAGE}
             "frame_rate must be omitted unless the source is an image sequence; got 9",
         ),
         (
-            lambda taken: listen("127.0.0.1", taken),
+            lambda server_port: listen("127.0.0.1", server_port),
             "cannot listen on 127.0.0.1, port .*: Address already in use",
         ),
     ],
 )
-def test_errors_name_argument_and_valid_values(call, sentence, tmp_path, monkeypatch):
+def test_errors_name_argument_and_valid_values(call, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("keyframes.txt", "p001.png", "p003.png"):
         (tmp_path / name).write_text("time_s,pan_deg\n0,0\n")
-    with closing(listen("127.0.0.1", 0)) as taken, pytest.raises(OmnimirrorError, match=sentence):
-        call(taken.getsockname()[1])
+    with closing(listen("127.0.0.1", 0)) as server, pytest.raises(OmnimirrorError, match=message):
+        call(server.getsockname()[1])
 
 
 def test_double_sphere_with_singular_centre_is_defined_on_axis():
@@ -771,10 +776,12 @@ def test_messages_shorten_long_names_on_one_line(name):
     )
     for read in readers:
         for text in ("9 0", "a = [", "a = 1"):
-            with pytest.raises(OmnimirrorError, match=re.escape(name.splitlines()[0][:20])) as said:
+            with pytest.raises(
+                OmnimirrorError, match=re.escape(name.splitlines()[0][:20])
+            ) as refusal:
                 read(text=text, source=name)
-            assert len(str(said.value)) < 300
-            assert "\n" not in str(said.value)
+            assert len(str(refusal.value)) < 300
+            assert "\n" not in str(refusal.value)
     for error in (OmnimirrorError, om.base.errors.SpecError, InvalidType):
         assert (
             len(str(error(f"there is no mirror {name!r} and no file {'/'.join(name.split())}")))

@@ -23,7 +23,7 @@ SENSOR = (
     "focal_length_mm = {b}\nf_number = 4.0\nfocus_distance_mm = 218.0\n"
     "[imager]\nwidth_px = {c}\nheight_px = 64\npixel_pitch_um = 83.2\n[mount]\nmirror_distance_mm = {d}\n{e}"
 )
-WANTED = (
+REQUIREMENTS = (
     '[field]\nomega_max_deg = {a}\n[mirror]\nmapping = "equidistant"\nrim_radius_mm = {b}\n[lens]\n'
     "theta_max_deg = {c}\nf_number = {d}\n{e}"
 )
@@ -31,7 +31,7 @@ PARTS = (
     '[[lens]]\nname = "l"\nfocal_length_mm = {a}\nf_number_min = {b}\nf_number_max = 16.0\nminimum_focus_mm = 100.0\n'
     '[[imager]]\nname = "i"\nwidth_px = {c}\nheight_px = 1000\npixel_pitch_um = {d}\n{e}'
 )
-JUDGED = (
+CHECKS = (
     '[field]\nomega_max_deg = {a}\nobject_distance_mm = {b}\n[mirror]\nmapping = "equidistant"\n'
     'rim_radius_mm = 40.0\n[lens]\ntheta_max_deg = 12.0\n[[limit]]\nquantity = "total_blur_px"\nat_most = {c}\n'
     '[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = {d}\n{e}'
@@ -53,25 +53,25 @@ HOUSED = (
 )
 USUAL = {
     SENSOR: ("50.0", "11.6", "64", "185.93"),
-    WANTED: ("90.0", "40.0", "12.0", "4.0"),
+    REQUIREMENTS: ("90.0", "40.0", "12.0", "4.0"),
     PARTS: ("8.0", "1.4", "1000", "5.0"),
-    JUDGED: ("90.0", "[500.0, inf]", "3.0", "1.0"),
+    CHECKS: ("90.0", "[500.0, inf]", "3.0", "1.0"),
     ERRORS: ("0.1", "0.05", "0.5", "1.0"),
     FIGURES: ("2000.0", "0.3", "2.5", "4"),
     HOUSED: ("98.0", "3.0", "24.0", "1.0"),
 }
 FILES = {
     "evaluate {} --omega-deg 0:60:30": SENSOR,
-    "design {}": WANTED,
+    "design {}": REQUIREMENTS,
     "parts paper-spherical {}": PARTS,
-    "check {} paper-spherical": JUDGED,
+    "check {} paper-spherical": CHECKS,
     "tolerance small.toml {} --trials 3": ERRORS,
     "tolerance small.toml {} --trials 2": FIGURES,
-    "check wanted.toml {} --json out.json": HOUSED,
+    "check requirements.toml {} --json out.json": HOUSED,
     "rays {} -o rays.npz": SENSOR,
     "maps {} --view perspective --size 8x6 -o map.npz": SENSOR,
     "colmap {} b.png -o project --views 1 --set view.size=16": SENSOR,
-    "check wanted.toml {}": SENSOR,
+    "check requirements.toml {}": SENSOR,
     "form {} points.csv": SENSOR,
 }
 ODD_VALUES = (
@@ -112,7 +112,7 @@ ODD_LINES = (
     "\udcff",
     "é",
 )
-ODD_WORDS = (
+INVALID_ARGUMENTS = (
     "",
     "-",
     "x",
@@ -230,12 +230,12 @@ COMMANDS = (
     "maps small.toml --size 8x6 --elevation-deg {} -o map.npz",
     "maps small.toml --size 8x6 --distance-mm 900 --set view.wall_mm=0:{} -o map.npz",
     "check {} paper-spherical",
-    "check wanted.toml {}",
-    "check wanted.toml paper-spherical --temperatures 0:{}",
-    "check wanted.toml paper-spherical --set housing.tube.wall_mm={}",
-    "check wanted.toml paper-spherical --set housing.dome.centre_mm={}",
-    "check wanted.toml paper-spherical --set housing.camera.diameter_mm={}",
-    "check wanted.toml paper-spherical --json {}",
+    "check requirements.toml {}",
+    "check requirements.toml paper-spherical --temperatures 0:{}",
+    "check requirements.toml paper-spherical --set housing.tube.wall_mm={}",
+    "check requirements.toml paper-spherical --set housing.dome.centre_mm={}",
+    "check requirements.toml paper-spherical --set housing.camera.diameter_mm={}",
+    "check requirements.toml paper-spherical --json {}",
     "parts paper-spherical parts.toml --min-fill {}",
     "parts paper-spherical parts.toml --object-distance-mm {}",
     "parts paper-spherical parts.toml -o {}",
@@ -293,7 +293,12 @@ def _folder(tmp_path, monkeypatch):
         om.OCam(polynomial=(-131.5, 0.0, 1.8e-3), centre_px=(515.3, 380.3), image_size=(1024, 768)),
         "calib_results.txt",
     )
-    for name, form in {"parts": PARTS, "small": SENSOR, "wanted": JUDGED, "errors": ERRORS}.items():
+    for name, form in {
+        "parts": PARTS,
+        "small": SENSOR,
+        "requirements": CHECKS,
+        "errors": ERRORS,
+    }.items():
         Path(f"{name}.toml").write_text(
             form.format(**dict(zip("abcd", USUAL[form], strict=True)), e="")
         )
@@ -303,7 +308,7 @@ def _folder(tmp_path, monkeypatch):
     np.savetxt("points.csv", POINTS, delimiter=",")
 
 
-def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> int:
+def answer(arguments: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> int:
     """Run a command in this process and check that errors are one line and leave no partial output.
 
     Return its exit code.
@@ -311,18 +316,18 @@ def answer(words: list[str], capsysbinary: pytest.CaptureFixture[bytes]) -> int:
     before = {path.name for path in Path().iterdir()}
     code = 0
     try:
-        main(words)
+        main(arguments)
     except SystemExit as e:
         code = int(e.code or 0)
-    said = capsysbinary.readouterr().err.decode("utf-8", "replace")  # the output can be an image
-    assert code != 70, said  # internal error
-    assert "Traceback" not in said
+    stderr = capsysbinary.readouterr().err.decode("utf-8", "replace")  # the output can be an image
+    assert code != 70, stderr  # internal error
+    assert "Traceback" not in stderr
     if code not in (0, 3):  # 3: violated requirements, reported as a table
-        lines = said.splitlines()
-        if len(words) > 1:  # a group alone prints its help
-            assert len(lines) == 1, said
+        lines = stderr.splitlines()
+        if len(arguments) > 1:  # a group without a command prints its help
+            assert len(lines) == 1, stderr
             assert lines[0].startswith("omnimirror: ")
-        assert len(said) < 3000
+        assert len(stderr) < 3000
     new = {path.name for path in Path().iterdir()} - before
     assert not [name for name in new if ".omnimirror-" in name]
     return code
@@ -367,7 +372,7 @@ def test_extreme_numbers_in_every_entry(sensor, capsysbinary):
 def test_unusual_command_line_arguments(command, capsysbinary):
     first = COMMANDS.index(command)
     for k in range(4):  # some of the values for each command, others for the next
-        word = ODD_WORDS[(first + 7 * k) % len(ODD_WORDS)]
+        word = INVALID_ARGUMENTS[(first + 7 * k) % len(INVALID_ARGUMENTS)]
         answer([part.replace("{}", word) for part in command.split()], capsysbinary)
 
 
@@ -390,7 +395,8 @@ def test_points_without_mirror_shape(cloud, option, capsysbinary):
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     word=st.one_of(
-        st.sampled_from(ODD_WORDS), st.text(st.characters(exclude_characters="\0/"), max_size=12)
+        st.sampled_from(INVALID_ARGUMENTS),
+        st.text(st.characters(exclude_characters="\0/"), max_size=12),
     )
 )
 def test_arbitrary_command_line_arguments(command, word, capsysbinary):
@@ -429,12 +435,12 @@ def test_closed_streams():
     assert subprocess.run(f"{command} 2>&- >/dev/null", shell=True).returncode == 0
 
 
-def test_traceback_is_shown_on_request(capsys):
+def test_traceback_is_printed_on_request(capsys):
     with pytest.raises(SystemExit, match=r"^1$"):
         main(["evaluate", "nope", "--debug"])
-    told = capsys.readouterr().err
-    assert "Traceback" in told
-    assert told.splitlines()[-1].startswith(
+    stderr = capsys.readouterr().err
+    assert "Traceback" in stderr
+    assert stderr.splitlines()[-1].startswith(
         "omnimirror: sensor file, camera file or bundled sensor 'nope'"
     )
 

@@ -24,7 +24,7 @@ from .test_calls import ODD
 SENSOR = om.load_sensor("paper-spherical")
 VIEW = om.screens.Cylinder((36, 12), -40.0, 20.0)
 FOCAL: Any = {"focal_px": (20.0, 21.0), "centre_px": (16.0, 15.0), "image_size": (32, 32)}
-THINGS: dict[str, Any] = {
+OBJECTS: dict[str, Any] = {
     "sensor": replace(SENSOR, imager=Imager(32, 32, 166.4)),
     "tilted sensor": replace(SENSOR, mirror_pose=replace(SENSOR.mirror_pose, tilt_x_deg=0.5)),
     "unified": om.Unified(xi=0.9, **FOCAL),
@@ -99,7 +99,7 @@ USUAL: dict[str, Any] = {  # by argument name
     "focus_distance_mm": 100.0,
     "wavelength_nm": 600.0,
 }
-CANNOT = {
+UNSUPPORTED = {
     ("tilted sensor", "x_from_height_px"),
     ("environment", "load"),
     ("cube", "face"),
@@ -116,32 +116,34 @@ OF_LENSES = {  # the others are steps of a trace, with arrays created by it
     "at_wavelength",
     "airy_diameter",
 }
-INSIDE = {"from_spec", "unchecked"}  # readers of checked files, and methods that skip the checks
+INTERNAL = {"from_spec", "unchecked"}  # readers of checked files, and methods that skip the checks
 
 
-def methods_of(thing: Any) -> dict[str, Callable[..., Any]]:
+def methods_of(instance: Any) -> dict[str, Callable[..., Any]]:
     """Return the public methods of an object that have arguments."""
-    names = [n for n in dir(thing) if not n.startswith("_") and n not in INSIDE]
-    found = {
-        name: getattr(thing, name) for name in names if callable(getattr(type(thing), name, None))
+    names = [n for n in dir(instance) if not n.startswith("_") and n not in INTERNAL]
+    methods = {
+        name: getattr(instance, name)
+        for name in names
+        if callable(getattr(type(instance), name, None))
     }
     return {
         name: method
-        for name, method in found.items()
+        for name, method in methods.items()
         if inspect.ismethod(method) and inspect.signature(method).parameters
     }
 
 
 CASES = [
-    (thing, method)
-    for thing in THINGS
-    for method in methods_of(THINGS[thing])
-    if not isinstance(THINGS[thing], Lens) or method in OF_LENSES
+    (owner, method)
+    for owner in OBJECTS
+    for method in methods_of(OBJECTS[owner])
+    if not isinstance(OBJECTS[owner], Lens) or method in OF_LENSES
 ]
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path, monkeypatch):
+def _temporary_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
@@ -150,28 +152,28 @@ def _here(tmp_path, monkeypatch):
     few(CASES, *(case for case in CASES if case[0] not in ("hall", "street"))),
     ids=[" ".join(case) for case in CASES],
 )
-def test_unusual_arguments_are_processed_or_rejected(thing, method):
-    called = methods_of(THINGS[thing])[method]
-    told = [
+def test_unusual_arguments_are_processed_or_rejected(owner, method):
+    function = methods_of(OBJECTS[owner])[method]
+    parameters = [
         p
-        for p in inspect.signature(called).parameters.values()
+        for p in inspect.signature(function).parameters.values()
         if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
     ]
-    usual = {p.name: USUAL[p.name] for p in told if p.default is p.empty and p.name in USUAL}
-    if "values" in {p.name for p in told}:
-        usual["values"] = [p.value for p in THINGS[thing].parameters]
+    usual = {p.name: USUAL[p.name] for p in parameters if p.default is p.empty and p.name in USUAL}
+    if "values" in {p.name for p in parameters}:
+        usual["values"] = [p.value for p in OBJECTS[owner].parameters]
     try:
-        called(**usual)
+        function(**usual)
     except OmnimirrorError as e:  # methods not supported by objects of this kind
-        assert (thing, method) in CANNOT, e  # noqa: PT017
-    for name in (p.name for p in told):
+        assert (owner, method) in UNSUPPORTED, e  # noqa: PT017
+    for name in (p.name for p in parameters):
         for odd in ODD:
             with warnings.catch_warnings():
                 warnings.simplefilter(
                     "ignore", RuntimeWarning
                 )  # values far outside the field may overflow to NaN
                 try:
-                    called(**usual | {name: odd})
+                    function(**usual | {name: odd})
                 except OmnimirrorError as e:
                     assert "\n" not in str(e)  # noqa: PT017
                     assert len(str(e)) < 700, str(e)  # noqa: PT017

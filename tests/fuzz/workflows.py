@@ -28,7 +28,7 @@ from tests.conftest import MIRRORS
 CAMERA = om.Unified(xi=0.9, focal_px=(20.0, 20.0), centre_px=(31.5, 31.5), image_size=(64, 64))
 COVARIANCE = np.eye(len(CAMERA.parameters)) * 1e-4
 BOARD = om.Board("chessboard", 7, 5, 25.0)
-SEEN = om.simulate_detections(CAMERA, BOARD, 3)
+DETECTIONS = om.simulate_detections(CAMERA, BOARD, 3)
 SENSOR = om.Sensor(
     Sphere(50.0, 44.0),
     Perspective(11.6, 4.0, 218.0),
@@ -37,12 +37,12 @@ SENSOR = om.Sensor(
 )
 RIM = om.MirrorOutline((16.0, 16.0), (14.0, 14.0), 0.0, 0.9, (32, 32))
 ROOM = om.Room(40.0)
-PICTURE = np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8)
+IMAGE = np.random.default_rng(0).integers(0, 255, (32, 32, 3), np.uint8)
 LARGER = np.zeros((64, 64, 3), np.uint8)
 PARTS = Catalogue(
     (LensComponent("l", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("i", 1000, 1000, 5.0),)
 )
-MOVES = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
+MOTION = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
 TOLERANCES = om.Tolerances(SENSOR, {"lens.k1": om.Tolerance(0.01)})
 REPORT = om.tolerance(SENSOR, om.TolerancePlan(TOLERANCES, {"blur_px": 20.0}), trials=20)
 VIEW = om.views.panorama(SENSOR, size=(36, 12))
@@ -51,7 +51,7 @@ ON_MIRROR = [
     for x in range(-30, 31, 4)
     for y in range(-30, 31, 4)
 ]
-WANTED = om.Requirements(
+REQUIREMENTS = om.Requirements(
     field=om.FieldRequirements(omega_max_deg=120.0),
     mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.9),
     lens=om.LensRequirements(theta_max_deg=12.0),
@@ -62,7 +62,7 @@ FORM = om.form_error(SENSOR.mirror, ON_MIRROR)
 
 def write_files(folder: Path) -> None:
     """Write the input files of the calls."""
-    om.write_image(folder / "a.png", PICTURE)
+    om.write_image(folder / "a.png", IMAGE)
     (folder / "survey.csv").write_text("u_px,v_px,x_mm,y_mm,z_mm\n1,2,3,4,5\n")
     (folder / "stars.csv").write_text("u_px,v_px,azimuth_deg,elevation_deg\n1,2,3,4\n")
     (folder / "cmm.csv").write_text("1,2,3\n4,5,6\n")
@@ -84,7 +84,7 @@ def write_files(folder: Path) -> None:
         stream = container.add_stream("libx264", rate=10)
         stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"
         for _ in range(2):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(PICTURE)))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(IMAGE)))
         container.mux(stream.encode(None))
 
 
@@ -142,7 +142,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "temperature_range": (
         om.temperature_range,
-        {"requirements": WANTED, "sensor": WARM, "coldest_c": 10.0, "warmest_c": 30.0},
+        {"requirements": REQUIREMENTS, "sensor": WARM, "coldest_c": 10.0, "warmest_c": 30.0},
     ),
     "Sweep": (
         om.Sweep,
@@ -199,7 +199,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "calibrate_camera": (
         om.calibrate_camera,
         {
-            "images": SEEN,
+            "images": DETECTIONS,
             "board": BOARD,
             "model": "unified",
             "mount": None,
@@ -263,7 +263,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "draw_board": (om.draw_board, {"board": BOARD, "px_per_mm": 1.0, "margin_mm": None}),
     "find_board": (
         om.find_board,
-        {"image": PICTURE, "board": BOARD, "name": "a", "camera": None},
+        {"image": IMAGE, "board": BOARD, "name": "a", "camera": None},
     ),
     "find_boards": (
         om.find_boards,
@@ -271,7 +271,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "refine_corners": (
         om.refine_corners,
-        {"image": LARGER, "detection": SEEN[0], "board": BOARD, "passes": 1},
+        {"image": LARGER, "detection": DETECTIONS[0], "board": BOARD, "passes": 1},
     ),
     "camera_from_rim": (om.camera_from_rim, {"rim": RIM, "mirror": "one-shot", "mount": None}),
     "detect_mirror_outline": (om.detect_mirror_outline, {"images": LARGER}),
@@ -337,7 +337,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "Environment": (om.Environment, {"light": np.ones((8, 16, 3), np.float32), "heading_deg": 0.0}),
-    "estimate_noise": (om.estimate_noise, {"image": PICTURE, "file": None, "where": None}),
+    "estimate_noise": (om.estimate_noise, {"image": IMAGE, "file": None, "where": None}),
     "expose": (
         om.expose,
         {
@@ -356,7 +356,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         om.merge_bracket,
         {
             "sensor": SENSOR,
-            "images": [PICTURE, PICTURE],
+            "images": [IMAGE, IMAGE],
             "focus_mm": [200.0, 220.0],
             "object_distance_mm": np.inf,
         },
@@ -367,7 +367,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         om.restore,
         {
             "camera": SENSOR,
-            "image": PICTURE,
+            "image": IMAGE,
             "noise": 0.01,
             "blur": None,
             "object_distance_mm": np.inf,
@@ -378,8 +378,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Street": (om.Street, {"texel_mm": 80.0}),
     "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
     "write_calibration_dataset": (
-        lambda folder, **words: list(
-            om.write_calibration_dataset(om.CalibrationRecipe(**words), folder)
+        lambda folder, **arguments: list(
+            om.write_calibration_dataset(om.CalibrationRecipe(**arguments), folder)
         ),
         {
             "folder": "set",
@@ -397,7 +397,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "VideoRecipe": (
         om.VideoRecipe,
-        {"sensor": SENSOR, "scene": ROOM, "path": MOVES, "frame_rate": 5.0, "samples": 1},
+        {"sensor": SENSOR, "scene": ROOM, "path": MOTION, "frame_rate": 5.0, "samples": 1},
     ),
     "load_path": (om.load_path, {"path": "poses.csv"}),
     "load_bodies": (om.load_bodies, {"path": "bodies.toml"}),
@@ -406,7 +406,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         {
             "camera": SENSOR,
             "scene": ROOM,
-            "path": MOVES,
+            "path": MOTION,
             "output": "o.mp4",
             "bodies": (),
             "frame_rate": 5.0,
@@ -418,14 +418,14 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "MovingBox": (
         om.MovingBox,
-        {"size_mm": (90.0, 80.0, 70.0), "path": MOVES, "colour": "#aabbcc", "name": "cart"},
+        {"size_mm": (90.0, 80.0, 70.0), "path": MOTION, "colour": "#aabbcc", "name": "cart"},
     ),
     "write_training_dataset": (
         om.write_training_dataset,
         {
             "camera": SENSOR,
             "scene": ROOM,
-            "path": MOVES,
+            "path": MOTION,
             "folder": "learn",
             "bodies": (),
             "frame_rate": 5.0,
@@ -541,9 +541,9 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "resolution": (om.views.resolution, {"camera": SENSOR, "view": VIEW}),
     "CubeMap": (om.screens.CubeMap, {"size": (48, 36), "layout": "cross", "pan_deg": 0.0}),
 }
-THINGS = [mirror for mirror, _ in MIRRORS.values()]
-THINGS += [Orthographic(0.1, 4.0, 50.0), Perspective(11.6, 4.0, 218.0), CameraBody(40.0, -30.0)]
-THINGS += [Rod(10.0), Tube(120.0), Dome(160.0), Rim(2.0)]
-for thing in THINGS:
-    words = {f.name: getattr(thing, f.name) for f in fields(thing) if f.init}
-    CALLS[f"{type(thing).__name__} as a part"] = (type(thing), words)
+OBJECTS = [mirror for mirror, _ in MIRRORS.values()]
+OBJECTS += [Orthographic(0.1, 4.0, 50.0), Perspective(11.6, 4.0, 218.0), CameraBody(40.0, -30.0)]
+OBJECTS += [Rod(10.0), Tube(120.0), Dome(160.0), Rim(2.0)]
+for instance in OBJECTS:
+    arguments = {f.name: getattr(instance, f.name) for f in fields(instance) if f.init}
+    CALLS[f"{type(instance).__name__} as a part"] = (type(instance), arguments)

@@ -39,7 +39,7 @@ covariance = [[1e-6, 1e-5], [1e-5, 0.04]]
 """
 
 
-def some_uncertainty(model):
+def random_uncertainty(model):
     names = tuple(p.name for p in model.parameters)
     factor = np.random.default_rng(1).normal(size=(len(names), len(names))) * 1e-3
     return Uncertainty(names, tuple(map(tuple, (factor @ factor.T).tolist())))
@@ -51,7 +51,7 @@ def test_camera_file_round_trip(model, mount, tmp_path):
     path = tmp_path / "camera.toml"
     for camera in (
         replace(model, mount=mount),
-        replace(model, mount=mount, uncertainty=some_uncertainty(model)),
+        replace(model, mount=mount, uncertainty=random_uncertainty(model)),
     ):
         om.save_camera(camera, path, notes="calibrated\non a board")
         assert om.load_camera(path) == camera
@@ -133,7 +133,7 @@ def test_camera_file_text():
         ),
     ],
 )
-def test_camera_file_errors_give_line(change, message):
+def test_camera_file_errors_report_line(change, message):
     assert change[0] in GOOD
     with pytest.raises(SpecError, match=message) as e:
         om.parse_camera(GOOD.replace(*change), "mine")
@@ -142,9 +142,9 @@ def test_camera_file_errors_give_line(change, message):
 
 @given(st.text(max_size=100))
 def test_arbitrary_text_read_or_rejected(text):
-    for begin in ("", "[camera]\n", GOOD):
+    for prefix in ("", "[camera]\n", GOOD):
         with suppress(SpecError):
-            om.parse_camera(begin + text)
+            om.parse_camera(prefix + text)
 
 
 OCAM = (

@@ -130,8 +130,8 @@ def test_second_mirror_excludes_parts():
     assert Housing(shell=Tube()).fitted(envelope) == Housing(shell=Tube(102.0))
     assert Housing().fitted(envelope).is_empty
     assert Envelope(-180.0, -180.0, 20.0, 45.0).has_secondary is False
-    whole = Housing(CameraBody(61.5), Rod(), FlatWindow()).fitted(Envelope(*envelope[:4]))
-    assert (whole.rod.gap_mm, whole.shell.height_mm) == (45.0, -185.0)
+    fitted = Housing(CameraBody(61.5), Rod(), FlatWindow()).fitted(Envelope(*envelope[:4]))
+    assert (fitted.rod.gap_mm, fitted.shell.height_mm) == (45.0, -185.0)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_parts_of_other_types_rejected(parts, message):
 
 @pytest.mark.parametrize("kind", [Tube, Dome, FlatWindow])
 def test_one_entry_for_an_index(kind):
-    """An index equal to the default is accepted beside a name, others are not."""
+    """With a material name, only the default index is accepted."""
     for value in (1.3, 1.6):
         with pytest.raises(InvalidParameter, match=f"both be given; got {value:g} and 'bk7'"):
             kind(material="bk7", refractive_index=value)
@@ -210,9 +210,11 @@ def test_cover_default_sizes():
         2 * (np.hypot(45.0, 70.0) + 4.0), rel=1e-12
     )
     assert dome.diameters(-180.0, 20.0, 45.0)[1] == np.ceil(2 * (np.hypot(48.0, 130.0) + 4.0))
-    for shell, least in ((tube, 98.0), (dome, 2 * (np.hypot(45.0, 70.0) + 4.0))):
-        with pytest.raises(InvalidParameter, match=f"diameter_mm .* must be at least {least:.4g}"):
-            replace(shell, diameter_mm=least - 0.01).fitted(envelope)
+    for shell, min_diameter_mm in ((tube, 98.0), (dome, 2 * (np.hypot(45.0, 70.0) + 4.0))):
+        with pytest.raises(
+            InvalidParameter, match=f"diameter_mm .* must be at least {min_diameter_mm:.4g}"
+        ):
+            replace(shell, diameter_mm=min_diameter_mm - 0.01).fitted(envelope)
     assert replace(tube, diameter_mm=98.0).fitted(envelope).diameter_mm == 98.0
     assert tube.fitted(envelope).diameter_mm == 104.0
     assert Tube(wall_mm=4.0).fitted(envelope).inner_radius_mm(7.0) == 48.0
@@ -271,8 +273,8 @@ def test_obscured_angles_consistent(sensor):
     assert (low, high) != sensor.field_deg
     assert with_housing(parts_of(sensor)).clear_field_deg == pytest.approx((low, high), abs=1e-9)
     assert om.evaluate(sensor, [90.0]).summary()["clear_field_deg"] == [low, high]
-    counted = evaluable_field(om.FieldRequirements(omega_max_deg=100.0), sensor)
-    assert (counted.obscured_to_deg, counted.obscured_from_deg) == (low, high)
+    evaluable = evaluable_field(om.FieldRequirements(omega_max_deg=100.0), sensor)
+    assert (evaluable.obscured_to_deg, evaluable.obscured_from_deg) == (low, high)
 
 
 def magnified(sensor, omega_deg):
@@ -323,10 +325,10 @@ def test_misaligned_image_dark_at_obscured_pixels(name):
         samples=1,
         radiometry=Radiometry(housing_light=0.0),
     )
-    sees = sensor.backproject(pixels).valid
+    is_valid = sensor.backproject(pixels).valid
     dark = light[..., 0].ravel() < 0.3
     assert hidden.sum() > 100
-    assert (dark[sees] != hidden[sees]).sum() <= 2, "single precision, at edges"
+    assert (dark[is_valid] != hidden[is_valid]).sum() <= 2, "single precision, at edges"
 
 
 @pytest.mark.parametrize("kind", [Tube, Dome, FlatWindow])

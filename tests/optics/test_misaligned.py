@@ -24,7 +24,7 @@ POSES = [
     MirrorPose(-6.0, 4.0, -5.0, -5.0, 7.0),
     MirrorPose(0, 0, 2.0, 0, 1e-9),
 ]
-ALMOST = MirrorPose(
+SMALL_MISALIGNMENT = MirrorPose(
     decentre_x_mm=1e-300
 )  # misaligned by a negligible amount, which selects tracing in space
 
@@ -40,11 +40,11 @@ def test_thread_safety_of_ray_tracing():
     threads."""
     sensor = replace(SPH, mirror_pose=POSES[0])
     pixels = np.stack(np.meshgrid(*[np.linspace(0, 1023, 520)] * 2), axis=-1).reshape(-1, 2)
-    alone = sensor.backproject(pixels)
+    expected = sensor.backproject(pixels)
     with ThreadPoolExecutor(3) as pool:
-        for together in pool.map(lambda _: sensor.backproject(pixels), range(24)):
-            np.testing.assert_array_equal(together.origins, alone.origins)
-            np.testing.assert_array_equal(together.directions, alone.directions)
+        for rays in pool.map(lambda _: sensor.backproject(pixels), range(24)):
+            np.testing.assert_array_equal(rays.origins, expected.origins)
+            np.testing.assert_array_equal(rays.directions, expected.directions)
 
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
@@ -55,7 +55,7 @@ def test_skew_trace_of_aligned_mirror_matches_meridian(kind, lens):
     if lens == "orthographic" and kind in ("cone", "equidistant"):
         pytest.skip("made for a perspective lens")
     sensor = sensor_of(kind, lens)
-    in_space = replace(sensor, mirror_pose=ALMOST)
+    in_space = replace(sensor, mirror_pose=SMALL_MISALIGNMENT)
     assert in_space.symmetry is None
     pixels = pixels_all_over(sensor)
     plane, solid = sensor.backproject(pixels), in_space.backproject(pixels)
@@ -98,21 +98,23 @@ def test_projected_points_on_back_projected_rays(kind):
     observed."""
     sensor = replace(sensor_of(kind), mirror_pose=POSES[0])
     away = np.random.default_rng(2).normal(size=(3000, 3))
-    seen = sensor.project_directions(away)
-    rays = sensor.backproject(seen.pixels[seen.valid])
+    projection = sensor.project_directions(away)
+    rays = sensor.backproject(projection.pixels[projection.valid])
     assert rays.valid.all()
-    unit = away[seen.valid] / np.linalg.norm(away[seen.valid], axis=1, keepdims=True)
+    unit = away[projection.valid] / np.linalg.norm(away[projection.valid], axis=1, keepdims=True)
     np.testing.assert_allclose(rays.directions, unit, atol=1e-9)
-    unseen = away[~seen.valid] / np.linalg.norm(away[~seen.valid], axis=1, keepdims=True)
+    hidden = away[~projection.valid] / np.linalg.norm(
+        away[~projection.valid], axis=1, keepdims=True
+    )
     lattice = np.stack(np.meshgrid(*[np.arange(0, 1024, 8.0)] * 2), axis=-1).reshape(-1, 2)
-    looks = sensor.backproject(lattice)
-    nearest = (unseen @ looks.directions[looks.valid].T).max(axis=1)
+    lattice_rays = sensor.backproject(lattice)
+    nearest = (hidden @ lattice_rays.directions[lattice_rays.valid].T).max(axis=1)
     assert (nearest < np.cos(np.radians(0.5))).mean() > 0.9  # except near the rim
     near = sensor.project(150 * away)
     rays = sensor.backproject(near.pixels[near.valid])
-    off = 150 * away[near.valid] - rays.origins
+    to_points = 150 * away[near.valid] - rays.origins
     np.testing.assert_allclose(
-        rays.directions, off / np.linalg.norm(off, axis=1, keepdims=True), atol=1e-9
+        rays.directions, to_points / np.linalg.norm(to_points, axis=1, keepdims=True), atol=1e-9
     )
 
 
@@ -122,12 +124,12 @@ def test_projected_points_on_back_projected_rays(kind):
     z=st.floats(-4, 4),
     tip=st.floats(-4, 4),
     side=st.floats(-4, 4),
-    looks=st.sampled_from(["up", "down", "forward"]),
+    orientation=st.sampled_from(["up", "down", "forward"]),
     flipped=st.booleans(),
 )
-def test_random_misalignments_round_trip(x, y, z, tip, side, looks, flipped):
+def test_random_misalignments_round_trip(x, y, z, tip, side, orientation, flipped):
     sensor = replace(
-        SPH, mirror_pose=MirrorPose(x, y, z, tip, side), mount=Mount(looks, 30.0, flipped)
+        SPH, mirror_pose=MirrorPose(x, y, z, tip, side), mount=Mount(orientation, 30.0, flipped)
     )
     pixels = np.array([[511.5, 500.0], [300.0, 700.0], [900.0, 400.0]])
     origins, directions, valid = sensor.backproject(pixels)
@@ -160,8 +162,8 @@ def test_displaced_mirror_equals_changed_distance():
     away = np.array([0.0, 0.0, 3.0])
     np.testing.assert_allclose(one.origins, other.origins + away, atol=1e-13)
     points = 300 * np.random.default_rng(2).normal(size=(50, 3))
-    here, there = displaced.project(points + away), farther.project(points)
-    np.testing.assert_allclose(here.pixels, there.pixels, atol=1e-9)
+    projection, expected = displaced.project(points + away), farther.project(points)
+    np.testing.assert_allclose(projection.pixels, expected.pixels, atol=1e-9)
     wall = om.Dewarper(displaced, om.screens.Plane((64, 48), distance_mm=150.0))
     np.testing.assert_allclose(wall.coordinates(), wall.coordinates(exact=True), atol=0.01)
     one, other = om.evaluate(displaced), om.evaluate(farther)
@@ -205,7 +207,7 @@ def test_dewarping_of_misaligned_sensor_is_exact(view):
 
 def test_meridional_evaluation_rejects_misaligned_sensor():
     sensor = replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=0.5))
-    for ask in (
+    for function in (
         om.evaluate,
         om.best_focus,
         lambda s: om.best_viewpoint(s, 300.0),
@@ -214,7 +216,7 @@ def test_meridional_evaluation_rejects_misaligned_sensor():
         with pytest.raises(
             InvalidParameter, match=r"'paper-spherical' must be aligned .*sensor\.aligned\(\)"
         ):
-            ask(sensor)
+            function(sensor)
     assert sensor.aligned() == SPH
     with pytest.raises(InvalidParameter, match="for a camera without axial symmetry"):
         om.Dewarper(
@@ -245,6 +247,6 @@ def test_pose_file_round_trip():
         ("[mirror_pose]", "[miror_pose]", r"unknown entry miror_pose; did you mean mirror_pose\?"),
     ],
 )
-def test_invalid_pose_error_gives_line(old, new, message):
+def test_invalid_pose_error_reports_line(old, new, message):
     with pytest.raises(SpecError, match=message):
         parse_sensor(format_sensor(SPH) + POSE_TABLE.replace(old, new))

@@ -78,8 +78,8 @@ def test_sensor_properties(name):
 
 def test_cross_section_is_to_scale_and_upright():
     up, down, level = (
-        paths_of(replace(SPHERE, mount=Mount(looks))._repr_html_())
-        for looks in ("up", "down", "forward")
+        paths_of(replace(SPHERE, mount=Mount(orientation))._repr_html_())
+        for orientation in ("up", "down", "forward")
     )
     mirror = up[0]
     wide, high = np.ptp(mirror, axis=0)
@@ -115,10 +115,10 @@ def test_standard_deviations():
     ball = om.MirrorBall(
         centre_px=(511.5, 510.0), rim_radius_px=500.0, field_deg=340.0, image_size=(1024, 1024)
     )
-    known = replace(ball, uncertainty=Uncertainty(("cx",), ((0.04,),)))
-    assert rows_of(known._repr_html_())["cx"] == "511.5 ± 0.2 px"
+    calibrated = replace(ball, uncertainty=Uncertainty(("cx",), ((0.04,),)))
+    assert rows_of(calibrated._repr_html_())["cx"] == "511.5 ± 0.2 px"
     assert rows_of(ball._repr_html_())["cx"] == "511.5 px"
-    assert "Calibrated parameters: 1, with covariance." in known._repr_html_()
+    assert "Calibrated parameters: 1, with covariance." in calibrated._repr_html_()
     ring = max(paths_of(ball._repr_html_())[1:], key=lambda path: np.ptp(path[:, 0]))
     frame = paths_of(ball._repr_html_())[0]
     assert np.ptp(ring[:, 0]) / np.ptp(frame[:, 0]) == pytest.approx(1000 / 1024, rel=0.01)

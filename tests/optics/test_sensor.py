@@ -19,11 +19,11 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 SPH = om.load_sensor("paper-spherical")
 
 
-@pytest.mark.parametrize(("looks", "azimuth"), [("up", 7.595), ("down", -7.595)])
-def test_forward_wall_orientation(looks, azimuth):
+@pytest.mark.parametrize(("orientation", "azimuth"), [("up", 7.595), ("down", -7.595)])
+def test_forward_wall_orientation(orientation, azimuth):
     """Numeric case of section 1a: point A at y = +400 mm, on the left for an observer, on a wall 3
     m ahead."""
-    sensor = replace(SPH, mount=Mount(looks, forward_azimuth_deg=0.0))
+    sensor = replace(SPH, mount=Mount(orientation, forward_azimuth_deg=0.0))
     (a, b), valid = sensor.project([[3000, 400, 0], [3000, -400, 0]])
     assert valid.all()
     for pixel, sign in ((a, 1), (b, -1)):
@@ -39,7 +39,7 @@ def test_forward_wall_orientation(looks, azimuth):
     )  # backproject starts at the mirror, not at the origin
 
 
-def test_manually_traced_ray_gives_pixel():
+def test_manually_traced_ray_reaches_pixel():
     """Brute force in the camera frame: lens at the origin, directed upwards at a sphere; find the
     pixel of the point."""
     A, m, b0, pitch = 1.138 * 43.9, 4.110 * 43.9, SPH.lens.image_distance, 5.2e-3
@@ -67,16 +67,16 @@ def test_manually_traced_ray_gives_pixel():
     np.testing.assert_allclose(pixels[0] - 511.5, uv, atol=1e-7)
 
 
-@given(looks=st.sampled_from(["up", "down", "forward"]), azimuth=st.floats(-720, 720))
-def test_mounts_are_rotations(looks, azimuth):
-    R = Mount(looks, azimuth).rotation()
+@given(orientation=st.sampled_from(["up", "down", "forward"]), azimuth=st.floats(-720, 720))
+def test_mounts_are_rotations(orientation, azimuth):
+    R = Mount(orientation, azimuth).rotation()
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(R) == pytest.approx(1.0)
-    axis = {"up": [0, 0, 1], "down": [0, 0, -1], "forward": [1, 0, 0]}[looks]
+    axis = {"up": [0, 0, 1], "down": [0, 0, -1], "forward": [1, 0, 0]}[orientation]
     np.testing.assert_allclose(R @ [0, 0, 1], axis, atol=1e-15)
     c, s = np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))
     np.testing.assert_allclose(
-        R @ [c, s, 0], [0, 0, 1] if looks == "forward" else [1, 0, 0], atol=1e-12
+        R @ [c, s, 0], [0, 0, 1] if orientation == "forward" else [1, 0, 0], atol=1e-12
     )
 
 
@@ -105,10 +105,10 @@ def test_raw_image_is_reversed_unless_flipped():
             right[0] * up[1] - right[1] * up[0]
         )  # -1 if up is to the left of right: readable
 
-    for looks in ("up", "down", "forward"):
-        sensor = replace(SPH, mount=Mount(looks))
-        flipped = replace(SPH, mount=Mount(looks, image_flipped=True))
-        if looks == "forward":  # the mirror images the rear: move the wall there
+    for orientation in ("up", "down", "forward"):
+        sensor = replace(SPH, mount=Mount(orientation))
+        flipped = replace(SPH, mount=Mount(orientation, image_flipped=True))
+        if orientation == "forward":  # the mirror images the rear: move the wall there
             continue
         assert sensor.is_image_reversed
         assert turn(sensor) == 1
@@ -125,15 +125,15 @@ def test_centre_refers_to_unflipped_image(tilt_deg):
     )
     straight = replace(sensor, imager=imager, mirror_pose=MirrorPose(tilt_x_deg=tilt_deg))
     flipped = replace(straight, mount=replace(sensor.mount, image_flipped=True))
-    towards = straight.backproject([[21.0, 26.0], [30.0, 12.0]]).directions
+    directions = straight.backproject([[21.0, 26.0], [30.0, 12.0]]).directions
     np.testing.assert_allclose(
-        straight.project_directions(towards).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9
+        straight.project_directions(directions).pixels, [[21.0, 26.0], [30.0, 12.0]], atol=1e-9
     )
     np.testing.assert_allclose(
-        flipped.project_directions(towards).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9
+        flipped.project_directions(directions).pixels, [[38.0, 26.0], [29.0, 12.0]], atol=1e-9
     )
-    room = om.Room(texel_mm=40.0)
-    one, other = (om.expose(s, room, samples=1) for s in (straight, flipped))
+    scene = om.Room(texel_mm=40.0)
+    one, other = (om.expose(s, scene, samples=1) for s in (straight, flipped))
     np.testing.assert_allclose(other, one[:, ::-1], atol=1e-5)
 
 

@@ -107,15 +107,17 @@ def test_bundled_sensor_round_trip(bundled):
     coefficients=st.lists(st.floats(-1e-3, 1e-3), min_size=1, max_size=6),
     distance=st.floats(1e-3, 1e6),
     azimuth=st.floats(-360, 360),
-    looks=st.sampled_from(["up", "down", "forward"]),
+    orientation=st.sampled_from(["up", "down", "forward"]),
     centre=st.none() | st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)),
 )
-def test_random_sensor_round_trip(name, notes, coefficients, distance, azimuth, looks, centre):
+def test_random_sensor_round_trip(
+    name, notes, coefficients, distance, azimuth, orientation, centre
+):
     sensor = om.Sensor(
         EvenPolynomial(tuple(coefficients), 10.0),
         Perspective(11.6, 4.0, 212.0),
         Imager(640, 480, 3.45, centre),
-        Mount(looks, azimuth, True),
+        Mount(orientation, azimuth, True),
         distance,
         name,
         notes,
@@ -147,7 +149,7 @@ def test_changes_replace_and_remove_entries(tmp_path, monkeypatch):
 
 
 def test_optional_tables_round_trip():
-    """Written only if given, with the entries that are given."""
+    """Only specified tables and entries are written."""
     plain = load_sensor("folded-spherical")
     covariance = ((0.25, 0.0), (0.0, 0.01))
     names = ("mirror_distance_mm", "focus_distance_mm")
@@ -163,8 +165,8 @@ def test_optional_tables_round_trip():
                     plain, uncertainty=uncertainty, thermal=thermal, secondary=secondary
                 )
                 data = tomllib.loads(format_sensor(sensor))
-                given = [part is not None for part in (secondary, uncertainty, thermal)]
-                assert [name in data for name in tables] == given
+                is_present = [part is not None for part in (secondary, uncertainty, thermal)]
+                assert [name in data for name in tables] == is_present
                 is_full = uncertainty is not None and uncertainty.field_deg is not None
                 table = data.get("uncertainty", {})
                 assert [name in table for name in entries] == [is_full] * 2
@@ -290,7 +292,7 @@ def test_housing_round_trip_with_defaults():
         ),
     ],
 )
-def test_invalid_housing_error_gives_line(old, new, message):
+def test_invalid_housing_error_reports_line(old, new, message):
     text = HOUSED.replace(old, new)
     assert text != HOUSED
     with pytest.raises(SpecError, match=message):
@@ -403,7 +405,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BAD, ids=[m[:40] for *_, m in BAD])
-def test_invalid_file_error_gives_line_and_valid_values(old, new, message):
+def test_invalid_file_error_reports_line_and_valid_values(old, new, message):
     assert old in GOOD
     with pytest.raises(SpecError, match=message) as e:
         parse_sensor(GOOD.replace(old, new, 1), source="mine.toml", folder=Path())

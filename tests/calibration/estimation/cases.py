@@ -42,6 +42,6 @@ def directions(camera, count: int = 400, seed: int = 5) -> NDArray[np.float64]:
     return rays.directions[rays.valid] @ camera.mount.rotation()
 
 
-def known(pixels, points, **more) -> Observation:
+def known_points(pixels, points, **more) -> Observation:
     """Return an observation of points with known positions in the camera frame."""
     return Observation("room", pixels, points, RigidTransform.identity(), is_known=True, **more)

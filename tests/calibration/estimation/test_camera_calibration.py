@@ -20,18 +20,18 @@ from omnimirror.cameras.models.camera_model import direction_covariance
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections, directions
 
 
-def calibrated(seen, **more):
-    return om.calibrate_camera(seen, BOARD, **({"model": "unified"} | more))
+def calibrated(observations, **more):
+    return om.calibrate_camera(observations, BOARD, **({"model": "unified"} | more))
 
 
 def test_camera_is_estimated_without_initial_value():
-    found = calibrated(detections(count=8))
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
-    assert found.rms_px < found.held_out_rms_px < 1.15 * found.rms_px
-    assert all(p.used and p.reason is None for p in found.images)
-    assert found.corners == sum(p.found for p in found.images)
-    assert found.outliers == ()
-    assert {name for free in found.free for name in free.names} <= {
+    calibration = calibrated(detections(count=8))
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert calibration.rms_px < calibration.held_out_rms_px < 1.15 * calibration.rms_px
+    assert all(p.used and p.reason is None for p in calibration.images)
+    assert calibration.corners == sum(p.found for p in calibration.images)
+    assert calibration.outliers == ()
+    assert {name for free in calibration.free for name in free.names} <= {
         "xi",
         "fx",
         "fy",
@@ -44,14 +44,18 @@ def test_camera_is_estimated_without_initial_value():
 def within_3_sigma(seed: int) -> float:
     """Return the fraction of directions with errors within three standard deviations, in the
     perpendicular plane."""
-    found = calibrated(detections(count=8, seed=seed), board_shape=False)
-    ahead = directions(TRUTH, 100, seed)
-    rays = found.model.backproject(TRUTH.image(ahead, distant=True).pixels)
-    off = (rays.directions @ found.model.mount.rotation() - ahead)[rays.valid]
+    calibration = calibrated(detections(count=8, seed=seed), board_shape=False)
+    directions_in_world = directions(TRUTH, 100, seed)
+    rays = calibration.model.backproject(TRUTH.image(directions_in_world, distant=True).pixels)
+    errors = (rays.directions @ calibration.model.mount.rotation() - directions_in_world)[
+        rays.valid
+    ]
     spread = np.linalg.eigvalsh(
-        direction_covariance(found.model, found.covariance, ahead[rays.valid])
+        direction_covariance(
+            calibration.model, calibration.covariance, directions_in_world[rays.valid]
+        )
     )[:, -1]
-    return float((np.linalg.norm(off, axis=1) < 3 * np.sqrt(spread)).mean())
+    return float((np.linalg.norm(errors, axis=1) < 3 * np.sqrt(spread)).mean())
 
 
 def test_true_directions_lie_within_three_sigma():
@@ -66,27 +70,27 @@ def test_true_directions_lie_within_three_sigma_over_50_seeds():
 @pytest.mark.full
 def test_field_ends_at_specified_rim():
     """The region outside is excluded from the camera; its parameters are unchanged."""
-    seen = detections(count=4)
-    found, all_of_it = (
-        calibrated(seen, board_shape=False, **rim) for rim in ({"rim_radius_px": 170.0}, {})
+    observations = detections(count=4)
+    limited, unlimited = (
+        calibrated(observations, board_shape=False, **rim) for rim in ({"rim_radius_px": 170.0}, {})
     )
-    u, v = found.model.centre_px
-    edge = found.camera.backproject([[u + 169.0, v], [u + 171.0, v]])
+    u, v = limited.model.centre_px
+    edge = limited.camera.backproject([[u + 169.0, v], [u + 171.0, v]])
     assert edge.valid.tolist() == [True, False]
-    assert all_of_it.camera.backproject([[u + 171.0, v]]).valid.all()
-    assert found.model.parameters == all_of_it.model.parameters
+    assert unlimited.camera.backproject([[u + 171.0, v]]).valid.all()
+    assert limited.model.parameters == unlimited.model.parameters
     with pytest.raises(
         InvalidParameter, match=r"rim_radius_px must be greater than 0 px.*; got -1"
     ):
-        calibrated(seen, rim_radius_px=-1.0)
+        calibrated(observations, rim_radius_px=-1.0)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("shift", [(90.0, 0.0), (-60.0, 50.0)])
 def test_axis_far_from_image_centre_is_estimated(shift):
     centre = (319.5 + shift[0], 239.5 + shift[1])
-    found = calibrated(detections(replace(TRUTH, centre_px=centre), 6), board_shape=False)
-    assert found.model.centre_px == pytest.approx(centre, abs=1.0)
+    calibration = calibrated(detections(replace(TRUTH, centre_px=centre), 6), board_shape=False)
+    assert calibration.model.centre_px == pytest.approx(centre, abs=1.0)
 
 
 def test_fisheye_and_flipped_image_are_calibrated():
@@ -94,11 +98,11 @@ def test_fisheye_and_flipped_image_are_calibrated():
         replace(TRUTH, optics="fisheye"),
         replace(TRUTH, mount=Mount("down", 30.0, image_flipped=True)),
     ):
-        found = calibrated(
+        calibration = calibrated(
             detections(camera, 4), optics=camera.optics, mount=camera.mount, board_shape=False
         )
-        assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
-        assert found.model.mount == camera.mount
+        assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+        assert calibration.model.mount == camera.mount
 
 
 @pytest.mark.full
@@ -106,23 +110,25 @@ def test_fisheye_model_is_selected_without_mirror():
     truth = om.KannalaBrandt(
         focal_px=(150.0, 150.0), centre_px=(322.0, 238.0), image_size=SIZE, k1=0.02, k2=-0.004
     )
-    found = calibrated(detections(truth, 5), model="auto", optics="fisheye", board_shape=False)
-    assert "sensor" not in {tried.kind for tried in found.candidates}
-    assert found.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
+    calibration = calibrated(
+        detections(truth, 5), model="auto", optics="fisheye", board_shape=False
+    )
+    assert "sensor" not in {candidate.kind for candidate in calibration.candidates}
+    assert calibration.held_out_rms_px < 1.15 * np.sqrt(2) * NOISE_PX
 
 
-def test_only_wrong_corners_are_rejected():
-    seen = detections(count=8)
-    wrong = {("image 3", 20): 4.0, ("image 7", 5): 1.2, ("image 7", 40): -2.0}
-    for (name, corner), shift in wrong.items():
-        detection = next(d for d in seen if d.name == name)
+def test_only_displaced_corners_are_rejected():
+    observations = detections(count=8)
+    shifts = {("image 3", 20): 4.0, ("image 7", 5): 1.2, ("image 7", 40): -2.0}
+    for (name, corner), shift in shifts.items():
+        detection = next(d for d in observations if d.name == name)
         detection.corners_px[list(detection.ids).index(corner)] += [shift, 0.0]
-    found = calibrated(seen)
-    assert {(o.image, o.corner) for o in found.outliers} == set(wrong)
-    worst = found.outliers[0]
+    calibration = calibrated(observations)
+    assert {(o.image, o.corner) for o in calibration.outliers} == set(shifts)
+    worst = calibration.outliers[0]
     assert (worst.image, worst.corner) == ("image 3", 20)
     assert worst.residual_px == pytest.approx(4.0, abs=0.5)
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -134,30 +140,30 @@ def test_only_wrong_corners_are_rejected():
         pytest.param(0.08, 4.0, marks=pytest.mark.full),
     ],
 )
-def test_wrong_corners_are_rejected_or_reported(share, largest_px):
+def test_displaced_corners_are_rejected_or_reported(share, largest_px):
     """Outliers up to 5 % are rejected; a note counts and locates those that remain."""
-    random, wrong, seen = np.random.default_rng(0), set(), []
+    random, shifted, observations = np.random.default_rng(0), set(), []
     for detection in detections(count=10, seed=1):
         is_wrong = random.random(len(detection.ids)) < share
         angle = random.uniform(0, 2 * np.pi, len(is_wrong))
         length = is_wrong * random.uniform(0.6, 1.0, len(is_wrong)) * largest_px
         shift = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        wrong |= {(detection.name, int(i)) for i in detection.ids[is_wrong]}
-        seen.append(replace(detection, corners_px=detection.corners_px + shift))
-    found = calibrated(seen)
-    rejected = {(o.image, o.corner) for o in found.outliers}
-    remaining = {(o.image, o.corner) for o in found.remaining_outliers}
-    assert rejected <= wrong
-    assert len(remaining - wrong) <= 1
-    assert len(wrong - rejected - remaining) <= 0.1 * len(wrong)
-    notes = [note for note in found.notes if "residuals above the noise" in note]
+        shifted |= {(detection.name, int(i)) for i in detection.ids[is_wrong]}
+        observations.append(replace(detection, corners_px=detection.corners_px + shift))
+    calibration = calibrated(observations)
+    rejected = {(o.image, o.corner) for o in calibration.outliers}
+    remaining = {(o.image, o.corner) for o in calibration.remaining_outliers}
+    assert rejected <= shifted
+    assert len(remaining - shifted) <= 1
+    assert len(shifted - rejected - remaining) <= 0.1 * len(shifted)
+    notes = [note for note in calibration.notes if "residuals above the noise" in note]
     assert len(notes) == (1 if remaining else 0)
     if remaining:
         assert notes[0].startswith(f"{len(remaining)} of the used corners")
-        assert found.remaining_outliers[0].image in notes[0]
+        assert calibration.remaining_outliers[0].image in notes[0]
     else:
-        assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
-    assert len(found.to_dict()["remaining_outliers"]) == len(remaining)
+        assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert len(calibration.to_dict()["remaining_outliers"]) == len(remaining)
 
 
 @pytest.mark.parametrize(
@@ -172,15 +178,20 @@ def test_reported_deviations_match_scatter_over_seeds(xi, seeds):
     truth = replace(TRUTH, xi=xi, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
     errors = []
     for seed in range(seeds):
-        found = calibrated(detections(truth, count=8, seed=seed))
-        given = np.array([p.value for p in truth.parameters])
-        sigmas = np.array([p.sigma for p in found.parameters[: len(given)]])
-        errors.append((np.array([p.value for p in found.model.parameters]) - given) / sigmas)
-        assert {"xi", "k1"} <= set(found.free[0].names)
-        assert any(
-            "do not determine xi" in note or "do not determine k1" in note for note in found.notes
+        calibration = calibrated(detections(truth, count=8, seed=seed))
+        true_values = np.array([p.value for p in truth.parameters])
+        sigmas = np.array([p.sigma for p in calibration.parameters[: len(true_values)]])
+        errors.append(
+            (np.array([p.value for p in calibration.model.parameters]) - true_values) / sigmas
         )
-        assert found.camera.uncertainty.sigmas["xi"] == pytest.approx(found.parameters[0].sigma)
+        assert {"xi", "k1"} <= set(calibration.free[0].names)
+        assert any(
+            "do not determine xi" in note or "do not determine k1" in note
+            for note in calibration.notes
+        )
+        assert calibration.camera.uncertainty.sigmas["xi"] == pytest.approx(
+            calibration.parameters[0].sigma
+        )
     rms = dict(
         zip(
             (p.name for p in truth.parameters),
@@ -188,38 +199,38 @@ def test_reported_deviations_match_scatter_over_seeds(xi, seeds):
             strict=True,
         )
     )
-    few = 4 / seeds
+    allowance = 4 / seeds
     for name in ("xi", "fx", "fy", "k1", "cx", "cy"):
-        assert 0.4 - 0.3 * few < rms[name] < 1.5 + 0.5 * few, name
-    assert max(rms.values()) < 1.5 + 0.7 * few
+        assert 0.4 - 0.3 * allowance < rms[name] < 1.5 + 0.5 * allowance, name
+    assert max(rms.values()) < 1.5 + 0.7 * allowance
 
 
 def test_equal_minimum_contributes_to_deviations():
     """A model with three radial terms and xi = 1.14 fits the corners of a camera with 1.3 equally
     well."""
     truth = replace(TRUTH, xi=1.3, focal_px=(160.0, 160.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
-    found = calibrated(detections(truth, count=12, seed=0))
-    xi = found.parameters[0]
+    calibration = calibrated(detections(truth, count=12, seed=0))
+    xi = calibration.parameters[0]
     assert abs(xi.value - 1.3) < 3 * xi.sigma
-    linear = float(np.sqrt(found.covariance[0, 0]))
+    linear = float(np.sqrt(calibration.covariance[0, 0]))
     assert xi.sigma > 2 * linear
 
 
 @pytest.mark.full
 def test_close_minimum_contributes_to_deviations():
-    """The fit ends at xi = 1.03; a minimum of equal depth at 1.10, behind a barrier, is the true one.
+    """The fit ends at xi = 1.03; a minimum of equal depth at 1.10, beyond a barrier, is the truth.
     Its error was 10 standard deviations, and no combination was reported."""
     truth = replace(TRUTH, xi=1.1, focal_px=(175.0, 175.0), k1=0.0, k2=0.0, p1=0.0, p2=0.0)
-    found = calibrated(detections(truth, count=9, seed=102))
-    xi = found.parameters[0]
+    calibration = calibrated(detections(truth, count=9, seed=102))
+    xi = calibration.parameters[0]
     assert abs(xi.value - 1.1) < 3 * xi.sigma < 0.3
-    assert {"xi", "k1"} <= set(found.free[0].names)
+    assert {"xi", "k1"} <= set(calibration.free[0].names)
 
 
 def test_board_numbering_from_any_corner_is_equivalent():
     """Detectors start at either end of 11 x 7 corners, and number them in reverse in a mirror
     image."""
-    seen = detections(count=4, points_mm=BOARD.points_mm)
+    observations = detections(count=4, points_mm=BOARD.points_mm)
     columns, rows = BOARD.lattice.T
     orders = [
         columns + 11 * rows,
@@ -227,45 +238,47 @@ def test_board_numbering_from_any_corner_is_equivalent():
         10 - columns + 11 * rows,
         columns + 11 * (6 - rows),
     ]
-    renamed = [replace(d, ids=orders[i % 4][d.ids]) for i, d in enumerate(seen)]
-    assert calibrated(renamed).rms_px == pytest.approx(calibrated(seen).rms_px, rel=1e-3)
+    renamed = [replace(d, ids=orders[i % 4][d.ids]) for i, d in enumerate(observations)]
+    assert calibrated(renamed).rms_px == pytest.approx(calibrated(observations).rms_px, rel=1e-3)
 
 
 def test_inconsistent_image_is_rejected():
-    seen = detections(count=8)
+    observations = detections(count=8)
     random = np.random.default_rng(0)
-    seen[4] = replace(
-        seen[4], corners_px=seen[4].corners_px + random.normal(0, 15, seen[4].corners_px.shape)
+    observations[4] = replace(
+        observations[4],
+        corners_px=observations[4].corners_px
+        + random.normal(0, 15, observations[4].corners_px.shape),
     )
-    seen.append(
+    observations.append(
         om.Detection(
             "blurred.png", SIZE, reason="blurred.png: no board was found; the image is blurred"
         )
     )
-    found = calibrated(seen)
-    left_out = {p.name: p.reason for p in found.images if not p.used}
-    assert left_out.keys() == {"image 5", "blurred.png"}
-    assert "the median residual of its corners" in left_out["image 5"]
-    assert "is blurred" in left_out["blurred.png"]
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    calibration = calibrated(observations)
+    reasons = {p.name: p.reason for p in calibration.images if not p.used}
+    assert reasons.keys() == {"image 5", "blurred.png"}
+    assert "the median residual of its corners" in reasons["image 5"]
+    assert "is blurred" in reasons["blurred.png"]
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
 @pytest.mark.parametrize(
-    ("optics", "words"),
+    ("optics", "pattern"),
     [
         ("mirror", "the mirror centre is .* from that in the other images: the mirror moved"),
         ("fisheye", "the optical centre is .* from that in the other images: the lens moved"),
     ],
 )
-def test_image_with_moved_mirror_is_rejected(optics, words):
+def test_image_with_moved_mirror_is_rejected(optics, pattern):
     """A pose absorbs most of a shift; the residual reveals it."""
-    seen = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
-    found = calibrated(seen, optics=optics)
-    (left_out,) = [p for p in found.images if not p.used]
-    assert left_out.name == "image 5"
-    assert re.search(words, left_out.reason)
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
-    assert found.outliers == ()
+    observations = moved(detections(replace(TRUTH, optics=optics), count=8), {4}, [9.0, -4.0])
+    calibration = calibrated(observations, optics=optics)
+    (rejected,) = [p for p in calibration.images if not p.used]
+    assert rejected.name == "image 5"
+    assert re.search(pattern, rejected.reason)
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert calibration.outliers == ()
 
 
 @pytest.mark.parametrize(
@@ -279,26 +292,26 @@ def test_image_with_moved_mirror_is_rejected(optics, words):
     ],
 )
 def test_flipped_images_are_rejected(count, numbers):
-    """A chessboard is valid in its mirror image too: only the offset between mirror and image
+    """The mirror image of a chessboard is a chessboard: only the offset between mirror and image
     centres reveals the flip, and camera and poses absorb nearly all of it."""
-    found = calibrated(flipped(detections(count=count), numbers))
-    left_out = {p.name: p.reason for p in found.images if not p.used}
-    assert left_out.keys() == {f"image {number + 1}" for number in numbers}
-    assert set(left_out.values()) == {
+    calibration = calibrated(flipped(detections(count=count), numbers))
+    reasons = {p.name: p.reason for p in calibration.images if not p.used}
+    assert reasons.keys() == {f"image {number + 1}" for number in numbers}
+    assert set(reasons.values()) == {
         "it fits the other images only after flipping left to right: it was flipped"
     }
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(6))
 def test_unflipped_images_are_not_rejected(seed):
     """Also for a mirror without a single viewpoint, with single-viewpoint models."""
-    seen = om.simulate_detections(
+    observations = om.simulate_detections(
         om.load_sensor("paper-spherical"), BOARD, 4 + seed, noise_px=NOISE_PX, seed=seed
     )
     for model in ("unified", "auto"):
-        assert all(p.used for p in om.calibrate_camera(seen, BOARD, model=model).images)
+        assert all(p.used for p in om.calibrate_camera(observations, BOARD, model=model).images)
     assert all(p.used for p in calibrated(detections(count=4 + seed, seed=seed)).images)
 
 
@@ -320,25 +333,27 @@ def test_few_images_recover_camera(count, seed):
     middle = (
         (326.0, 236.0) if seed == 2 else tuple(np.array([319.5, 239.5]) + random.uniform(-8, 8, 2))
     )
-    found = calibrated(detections(replace(TRUTH, centre_px=middle), count=count, seed=seed))
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.15)
-    np.testing.assert_allclose(found.model.centre_px, middle, atol=3.0)
+    calibration = calibrated(detections(replace(TRUTH, centre_px=middle), count=count, seed=seed))
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.15)
+    np.testing.assert_allclose(calibration.model.centre_px, middle, atol=3.0)
 
 
 @pytest.mark.full
 def test_overfitting_is_noted():
-    found = calibrated(detections(count=4, seed=1), model="viewpoint-spline", board_shape=False)
-    assert found.held_out_rms_px > 1.25 * found.rms_px
-    assert any("well above the fit error" in note for note in found.notes)
+    calibration = calibrated(
+        detections(count=4, seed=1), model="viewpoint-spline", board_shape=False
+    )
+    assert calibration.held_out_rms_px > 1.25 * calibration.rms_px
+    assert any("well above the fit error" in note for note in calibration.notes)
 
 
 def test_result_file_has_documented_entries(tmp_path):
-    found = calibrated(detections(count=4))
-    text = found.to_json(tmp_path / "calibration.json")
+    calibration = calibrated(detections(count=4))
+    text = calibration.to_json(tmp_path / "calibration.json")
     assert (tmp_path / "calibration.json").read_text() == text
-    told = json.loads(text)
-    assert told["rms_px"] == found.rms_px
-    assert told.keys() >= {
+    report = json.loads(text)
+    assert report["rms_px"] == calibration.rms_px
+    assert report.keys() >= {
         "held_out_rms_px",
         "corners",
         "outliers",
@@ -346,7 +361,7 @@ def test_result_file_has_documented_entries(tmp_path):
         "parameters",
         "seconds",
     }
-    first = told["images"][0]
+    first = report["images"][0]
     assert first.keys() == {
         "name",
         "found",
@@ -360,7 +375,7 @@ def test_result_file_has_documented_entries(tmp_path):
     np.testing.assert_allclose(
         np.array(first["rotation"]) @ first["camera_at_mm"], -np.array(first["translation_mm"])
     )
-    assert told["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
+    assert report["parameters"][0].keys() == {"name", "value", "sigma", "unit"}
 
 
 @pytest.mark.full
@@ -371,50 +386,50 @@ def test_calibration_is_reproducible():
 
 def test_cancellation_keeps_partial_result():
     calls = []
-    found = calibrated(
+    calibration = calibrated(
         detections(),
         should_stop=lambda: len(calls) > 2,
-        on_progress=lambda what, share: calls.append(share),
+        on_progress=lambda stage, share: calls.append(share),
     )
-    assert not found.is_complete
-    assert found.rms_px < 1.0
-    assert any("stopped early" in note for note in found.notes)
-    assert json.loads(found.to_json())["held_out_rms_px"] is None
+    assert not calibration.is_complete
+    assert calibration.rms_px < 1.0
+    assert any("stopped early" in note for note in calibration.notes)
+    assert json.loads(calibration.to_json())["held_out_rms_px"] is None
 
 
 # -- unusable images
 # -------------------------------------------------------------------------------------
 
 
-def moved(seen, numbers, shift):
+def moved(observations, numbers, shift):
     return [
         replace(d, corners_px=d.corners_px + shift) if i in numbers else d
-        for i, d in enumerate(seen)
+        for i, d in enumerate(observations)
     ]
 
 
-def flipped(seen, numbers):
+def flipped(observations, numbers):
     def one(d):
         return replace(d, corners_px=[SIZE[0] - 1, 0] + d.corners_px * [-1, 1])
 
-    return [one(d) if i in numbers else d for i, d in enumerate(seen)]
+    return [one(d) if i in numbers else d for i, d in enumerate(observations)]
 
 
 def one_pose(count: int) -> list[om.Detection]:
-    (seen,) = detections(count=1, noise_px=0.0)
+    (observation,) = detections(count=1, noise_px=0.0)
     random = np.random.default_rng(0)
     return [
         replace(
-            seen,
+            observation,
             name=f"image {i}",
-            corners_px=seen.corners_px + random.normal(0, 0.1, seen.corners_px.shape),
+            corners_px=observation.corners_px + random.normal(0, 0.1, observation.corners_px.shape),
         )
         for i in range(count)
     ]
 
 
 @pytest.mark.parametrize(
-    ("make", "says"),
+    ("make", "message"),
     [
         (
             lambda: detections(count=2),
@@ -463,8 +478,8 @@ def one_pose(count: int) -> list[om.Detection]:
         ),
     ],
 )
-def test_unsuitable_images_raise(make, says):
-    with pytest.raises(InvalidParameter, match=says):
+def test_unsuitable_images_raise(make, message):
+    with pytest.raises(InvalidParameter, match=message):
         calibrated(make())
 
 
@@ -484,9 +499,9 @@ def test_recommendations_without_poses_use_corners():
     corners = np.stack(
         np.meshgrid(np.linspace(330, 460, 11), np.linspace(200, 280, 7)), axis=-1
     ).reshape(-1, 2)
-    seen = coverage([Observation("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
-    assert seen.counts.sum() == 77
-    said = recommendations(seen, 1)
-    assert said[0].startswith("Capture more images: 1 is used")
-    assert any("lower left, left, upper left" in sentence for sentence in said[1:])
-    assert not any("Tilt" in sentence for sentence in said)
+    view_coverage = coverage([Observation("a", corners, BOARD.points_mm)], (320.0, 240.0), 200.0)
+    assert view_coverage.counts.sum() == 77
+    messages = recommendations(view_coverage, 1)
+    assert messages[0].startswith("Capture more images: 1 is used")
+    assert any("lower left, left, upper left" in message for message in messages[1:])
+    assert not any("Tilt" in message for message in messages)

@@ -62,17 +62,17 @@ EVERY_DAY = ("enhanced-unified",)  # the one with skew
 )
 def test_model_sequence_ends_at_true_model(truth):
     """Parameters are inside their bounds and are not blocked by different magnitudes."""
-    seen = om.simulate_detections(truth, BOARD, 8, noise_px=NOISE_PX, seed=2)
-    found = om.calibrate_camera(seen, BOARD, model=truth.KIND, board_shape=False)
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.06)
+    observations = om.simulate_detections(truth, BOARD, 8, noise_px=NOISE_PX, seed=2)
+    calibration = om.calibrate_camera(observations, BOARD, model=truth.KIND, board_shape=False)
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.06)
 
 
 def test_points_beyond_field_are_projected_continuously():
-    """An estimate with too small an initial field can therefore recover."""
+    """A fit can therefore converge from an initial field that is too small."""
     camera = TRUTHS[0]
     end = camera.model_end
     inside, outside = ([[np.sin(end + d), 0.0, -np.cos(end + d)]] for d in (-1e-6, 0.2))
     assert not camera.image(outside).valid.any()
-    shown = camera.image_clamped(outside)
-    assert shown.pixels[0] == pytest.approx(camera.image(inside).pixels[0], abs=1e-3)
-    assert shown.d_points[0, 0, 2] == 0.0  # constant farther out
+    projection = camera.image_clamped(outside)
+    assert projection.pixels[0] == pytest.approx(camera.image(inside).pixels[0], abs=1e-3)
+    assert projection.d_points[0, 0, 2] == 0.0  # constant farther out

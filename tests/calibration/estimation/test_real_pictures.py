@@ -19,10 +19,10 @@ from omnimirror.base.errors import InvalidParameter
 from tests.commands import omnimirror
 from tests.conftest import SHARED
 
-PICTURES = sorted((SHARED / "kaidan_omni").glob("*.jpg"))
+PHOTOGRAPHS = sorted((SHARED / "kaidan_omni").glob("*.jpg"))
 BOARD = om.Board("chessboard", 11, 7, 30.0)
 
-pytestmark = pytest.mark.skipif(not PICTURES, reason=f"the photographs are not in {SHARED}")
+pytestmark = pytest.mark.skipif(not PHOTOGRAPHS, reason=f"the photographs are not in {SHARED}")
 
 
 @pytest.mark.full
@@ -32,7 +32,7 @@ def test_all_images_are_used_with_realistic_noise(tmp_path):
     file = tmp_path / "calibration.json"
     run = omnimirror(
         "calibrate",
-        *map(str, PICTURES),
+        *map(str, PHOTOGRAPHS),
         "--board",
         "11x7",
         "--square-mm",
@@ -46,47 +46,48 @@ def test_all_images_are_used_with_realistic_noise(tmp_path):
         cwd=tmp_path,
     )
     assert run.returncode == 0, run.stderr
-    told = json.loads(file.read_text())
-    assert all(p["used"] and p["found"] == 77 for p in told["images"])
-    assert len(told["outliers"]) <= 0.01 * told["corners"] == 13.09
-    assert told["rms_px"] < 0.13
-    assert told["held_out_rms_px"] < 0.14
+    report = json.loads(file.read_text())
+    assert all(p["used"] and p["found"] == 77 for p in report["images"])
+    assert len(report["outliers"]) <= 0.01 * report["corners"] == 13.09
+    assert report["rms_px"] < 0.13
+    assert report["held_out_rms_px"] < 0.14
     assert "<svg" not in (tmp_path / "calibration.html").read_text()[:200]
     assert len(list((tmp_path / "figures").iterdir())) == 5
     om.load_camera(tmp_path / "camera.toml")
 
 
 @pytest.mark.full
-def test_targets_hold_without_board_shape():
-    found = om.calibrate_camera(
-        om.find_boards(PICTURES, BOARD), BOARD, model="viewpoint-spline", board_shape=False
+def test_targets_are_met_without_board_shape():
+    calibration = om.calibrate_camera(
+        om.find_boards(PHOTOGRAPHS, BOARD), BOARD, model="viewpoint-spline", board_shape=False
     )
-    assert all(p.used for p in found.images)
-    assert found.rms_px < 0.16
-    assert found.held_out_rms_px < 0.18
+    assert all(p.used for p in calibration.images)
+    assert calibration.rms_px < 0.16
+    assert calibration.held_out_rms_px < 0.18
 
 
-def shifted(first, shift, pictures=PICTURES):
+def shifted(first, shift, images=PHOTOGRAPHS):
     """Return detections with a mirror shift applied from one image on."""
-    seen = om.find_boards(pictures, BOARD)
+    detections = om.find_boards(images, BOARD)
     return [
-        replace(d, corners_px=d.corners_px + shift) if i >= first else d for i, d in enumerate(seen)
+        replace(d, corners_px=d.corners_px + shift) if i >= first else d
+        for i, d in enumerate(detections)
     ]
 
 
 @pytest.mark.full
 @pytest.mark.long
-@pytest.mark.parametrize("pictures", [PICTURES[::3], PICTURES], ids=["few", "all"])
-def test_mirror_motion_after_half_of_images_is_detected(pictures):
+@pytest.mark.parametrize("images", [PHOTOGRAPHS[::3], PHOTOGRAPHS], ids=["few", "all"])
+def test_mirror_motion_after_half_of_images_is_detected(images):
     """Individual image centres do not reveal it at once: the common centre is wrong for each."""
-    half = (len(pictures) + 1) // 2
+    half = (len(images) + 1) // 2
     with pytest.raises(
         InvalidParameter, match="the mirror moved relative to the camera between them"
-    ) as refused:
-        om.calibrate_camera(shifted(half, [9.0, 4.0], pictures), BOARD, model="unified")
-    first, second = str(refused.value).split(" px from that in ")
-    assert pictures[half].name in first
-    assert pictures[0].name in second
+    ) as error:
+        om.calibrate_camera(shifted(half, [9.0, 4.0], images), BOARD, model="unified")
+    first, second = str(error.value).split(" px from that in ")
+    assert images[half].name in first
+    assert images[0].name in second
 
 
 @pytest.mark.full
@@ -96,14 +97,14 @@ def test_small_or_late_mirror_motion_is_detected():
     ):
         om.calibrate_camera(shifted(9, [3.0, 2.0]), BOARD, model="unified")
     last = om.calibrate_camera(shifted(16, [9.0, 4.0]), BOARD, model="unified")
-    assert [p.name for p in last.images if not p.used] == [PICTURES[16].name]
+    assert [p.name for p in last.images if not p.used] == [PHOTOGRAPHS[16].name]
 
 
 @pytest.mark.long
 def test_command_line_calibrates_few_images(tmp_path):
     run = omnimirror(
         "calibrate",
-        *map(str, PICTURES[:4]),
+        *map(str, PHOTOGRAPHS[:4]),
         "--board",
         "11x7",
         "--square-mm",
@@ -127,15 +128,15 @@ def test_command_line_calibrates_few_images(tmp_path):
     camera = om.load_camera(tmp_path / "camera.toml")
     assert camera.k3 == 0.0
     assert camera.uncertainty.sigmas["k3"] == 0.0
-    told = json.loads((tmp_path / "c.json").read_text())
-    values = {p["name"]: p["value"] for p in told["parameters"]}
+    report = json.loads((tmp_path / "c.json").read_text())
+    values = {p["name"]: p["value"] for p in report["parameters"]}
     assert values["cx"] == camera.centre_px[0]
     assert np.hypot(values["cx"] - 325.8, values["cy"] - 245.2) < 8.0  # the result of all 17
 
 
 def test_wrong_board_is_reported(tmp_path):
     run = omnimirror(
-        "calibrate", *map(str, PICTURES[:2]), "--board", "9x6", "--square-mm", "30", cwd=tmp_path
+        "calibrate", *map(str, PHOTOGRAPHS[:2]), "--board", "9x6", "--square-mm", "30", cwd=tmp_path
     )
     assert run.returncode == 2
     assert "a board of 11 x 7 corners was detected instead of 9 x 6 corners" in run.stderr
@@ -146,10 +147,10 @@ def test_pattern_and_folder_expand_to_images(tmp_path):
     run = omnimirror("calibrate", "*.jpg", "--board", "11x7", "--square-mm", "30", cwd=tmp_path)
     assert run.returncode == 1
     assert "got *.jpg" in run.stderr
-    for picture in PICTURES[:2]:
-        (tmp_path / picture.name).symlink_to(picture)
-    for words in (["*.jpg"], ["."]):
-        run = omnimirror("calibrate", *words, "--board", "9x6", "--square-mm", "30", cwd=tmp_path)
+    for photograph in PHOTOGRAPHS[:2]:
+        (tmp_path / photograph.name).symlink_to(photograph)
+    for images in (["*.jpg"], ["."]):
+        run = omnimirror("calibrate", *images, "--board", "9x6", "--square-mm", "30", cwd=tmp_path)
         assert "0 of 2 images" in run.stderr
 
 
@@ -166,10 +167,10 @@ def test_pattern_and_folder_expand_to_images(tmp_path):
 )
 def test_interrupt_keeps_partial_results(state, model, tmp_path):
     """The signal is sent on a progress update; a throttled progress bar may never print it."""
-    told, code = interrupted(
+    output, code = interrupted(
         [
             "calibrate",
-            *map(str, PICTURES[:6]),
+            *map(str, PHOTOGRAPHS[:6]),
             "--board",
             "11x7",
             "--square-mm",
@@ -182,10 +183,10 @@ def test_interrupt_keeps_partial_results(state, model, tmp_path):
         state,
         tmp_path,
     )
-    assert code == 130, told
-    assert "Stopped: best camera so far" in told
-    assert ("stopped early" in told) == (model == "auto")
-    assert ("the search was stopped before this image" in told) == (
+    assert code == 130, output
+    assert "Stopped: best camera so far" in output
+    assert ("stopped early" in output) == (model == "auto")
+    assert ("the search was stopped before this image" in output) == (
         state == "Detecting boards, 4 of 6"
     )
     om.load_camera(tmp_path / "camera.toml")
@@ -211,21 +212,26 @@ main()
 """
 
 
-def interrupted(words: list[str], state: str, cwd: Path) -> tuple[str, int]:
+def interrupted(arguments: list[str], state: str, cwd: Path) -> tuple[str, int]:
     """Run a command in a terminal, send SIGINT when it prints a state, and return output and exit
     code."""
     import pty
 
-    ours, its = pty.openpty()
+    terminal, child_terminal = pty.openpty()
     environment = {**os.environ, "COLUMNS": "200", "TERM": "xterm"}
-    command = [sys.executable, "-c", INTERRUPTED, state, *words]
-    told = ""
+    command = [sys.executable, "-c", INTERRUPTED, state, *arguments]
+    output = ""
     with subprocess.Popen(
-        command, cwd=cwd, stdin=its, stdout=its, stderr=its, env=environment
+        command,
+        cwd=cwd,
+        stdin=child_terminal,
+        stdout=child_terminal,
+        stderr=child_terminal,
+        env=environment,
     ) as run:
-        os.close(its)
+        os.close(child_terminal)
         with suppress(OSError):  # raised by Linux when the other side is closed
-            while more := os.read(ours, 65536):
-                told += more.decode(errors="replace")
-    os.close(ours)
-    return told, run.returncode
+            while more := os.read(terminal, 65536):
+                output += more.decode(errors="replace")
+    os.close(terminal)
+    return output, run.returncode

@@ -12,40 +12,42 @@ from tests.everyday import few
 
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections
 
-HEAD = {"points": "image,u_px,v_px,x_mm,y_mm,z_mm", "directions": "image,u_px,v_px,x,y,z"}
+HEADERS = {"points": "image,u_px,v_px,x_mm,y_mm,z_mm", "directions": "image,u_px,v_px,x,y,z"}
 
 
-def seen(camera, near: int, far: int, seed: int = 0) -> om.Observation:
+def surveyed_points(camera, near: int, far: int, seed: int = 0) -> om.Observation:
     """Return an observation of a room with a corridor of 40 m and of stars, in arbitrary axes."""
     random = np.random.default_rng(seed)
     points = random.normal(size=(8 * (near + far), 3))
     points *= (random.uniform(600, 5000, len(points)) / np.linalg.norm(points, axis=1))[:, None]
-    close, away = camera.project(points), camera.project_directions(points)
-    chosen, distant = (
-        np.flatnonzero(close.valid)[:near],
-        np.flatnonzero(away.valid)[-far:] if far else [],
+    projection, distant_projection = camera.project(points), camera.project_directions(points)
+    selected, distant = (
+        np.flatnonzero(projection.valid)[:near],
+        np.flatnonzero(distant_projection.valid)[-far:] if far else [],
     )
     turn, shift = rotation_of(random.normal(size=3)), random.normal(0, 2000, 3)
-    pixels = np.concatenate([close.pixels[chosen], away.pixels[distant]])
+    pixels = np.concatenate([projection.pixels[selected], distant_projection.pixels[distant]])
     return om.Observation(
         "room",
         pixels + random.normal(0, NOISE_PX, pixels.shape),
-        np.concatenate([points[chosen] @ turn.T + shift, points[distant] @ turn.T]),
+        np.concatenate([points[selected] @ turn.T + shift, points[distant] @ turn.T]),
         is_distant=np.arange(near + far) >= near,
     )
 
 
-def off_deg(found, camera) -> float:
+def error_deg(calibration, camera) -> float:
     """Return the RMS direction error after alignment, because the pose is not part of the camera."""
-    ways = np.random.default_rng(9).normal(size=(1000, 3))
-    there = camera.project_directions(ways)
-    true = ways[there.valid] / np.linalg.norm(ways[there.valid], axis=1)[:, None]
-    rays = found.model.backproject(there.pixels[there.valid])
+    directions = np.random.default_rng(9).normal(size=(1000, 3))
+    projection = camera.project_directions(directions)
+    true = (
+        directions[projection.valid] / np.linalg.norm(directions[projection.valid], axis=1)[:, None]
+    )
+    rays = calibration.model.backproject(projection.pixels[projection.valid])
     assert rays.valid.mean() > 0.97  # an unknown mirror ends at its outermost point
-    true, looks = true[rays.valid], rays.directions[rays.valid]
-    u, _, vt = np.linalg.svd(true.T @ looks)
+    true, measured = true[rays.valid], rays.directions[rays.valid]
+    u, _, vt = np.linalg.svd(true.T @ measured)
     assert np.linalg.det(u @ vt) == pytest.approx(1.0)  # not its mirror image
-    return float(np.degrees(np.sqrt(np.mean(np.sum((looks @ (u @ vt).T - true) ** 2, axis=1)))))
+    return float(np.degrees(np.sqrt(np.mean(np.sum((measured @ (u @ vt).T - true) ** 2, axis=1)))))
 
 
 @pytest.mark.parametrize(
@@ -56,35 +58,40 @@ def test_points_or_stars_recover_camera(near, far, draws):
     the lens there."""
     fits = [
         om.calibrate_camera(
-            surveys=[seen(TRUTH, near, far, seed)], image_size=SIZE, model="unified"
+            surveys=[surveyed_points(TRUTH, near, far, seed)], image_size=SIZE, model="unified"
         )
         for seed in range(draws)
     ]
-    for found in fits:
-        assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.25)
-        assert found.rms_px < found.held_out_rms_px
-        assert found.advice == ()  # advice on boards does not apply
-    assert np.median([found.held_out_rms_px for found in fits]) < 2.5 * np.sqrt(2) * NOISE_PX
-    assert np.median([off_deg(found, TRUTH) for found in fits]) < 0.06
+    for calibration in fits:
+        assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.25)
+        assert calibration.rms_px < calibration.held_out_rms_px
+        assert calibration.advice == ()  # advice on boards does not apply
+    assert (
+        np.median([calibration.held_out_rms_px for calibration in fits])
+        < 2.5 * np.sqrt(2) * NOISE_PX
+    )
+    assert np.median([error_deg(calibration, TRUTH) for calibration in fits]) < 0.06
 
 
 @pytest.mark.full
 def test_camera_position_among_points_is_reported():
-    room = seen(TRUTH, 40, 0)
-    turn, place = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
-    here, stars = (
+    observation = surveyed_points(TRUTH, 40, 0)
+    turn, translation = rotation_of(np.array([0.3, -0.5, 1.1])), np.array([700.0, -400.0, 1500.0])
+    near, stars = (
         om.Observation(s.name, s.pixels, s.points @ turn.T, s.pose, s.is_known, s.is_distant)
-        for s in (room, seen(TRUTH, 0, 40))
+        for s in (observation, surveyed_points(TRUTH, 0, 40))
     )
-    moved = om.Observation("moved", here.pixels, here.points + place, is_distant=here.is_distant)
+    moved = om.Observation(
+        "moved", near.pixels, near.points + translation, is_distant=near.is_distant
+    )
     at = [
         om.calibrate_camera(surveys=[s], image_size=SIZE, model="unified").images[0]
-        for s in (here, moved, stars)
+        for s in (near, moved, stars)
     ]
-    np.testing.assert_allclose(at[1].camera_at_mm - at[0].camera_at_mm, place, atol=0.1)
+    np.testing.assert_allclose(at[1].camera_at_mm - at[0].camera_at_mm, translation, atol=0.1)
     np.testing.assert_allclose(at[1].rotation, at[0].rotation, atol=1e-5)
-    pixels = TRUTH.image(here.points @ at[0].rotation.T + at[0].translation_mm).pixels
-    assert np.median(np.linalg.norm(pixels - here.pixels, axis=1)) < 1.0
+    pixels = TRUTH.image(near.points @ at[0].rotation.T + at[0].translation_mm).pixels
+    assert np.median(np.linalg.norm(pixels - near.pixels, axis=1)) < 1.0
     assert at[2].rotation is not None
     assert at[2].camera_at_mm is None
 
@@ -96,25 +103,25 @@ def test_room_points_recover_noncentral_mirror_and_select_model(
     model,
 ):
     camera = om.load_sensor("paper-spherical")
-    found = om.calibrate_camera(
-        surveys=[seen(camera, 90, 30)], image_size=camera.image_size, model=model
+    calibration = om.calibrate_camera(
+        surveys=[surveyed_points(camera, 90, 30)], image_size=camera.image_size, model=model
     )
-    assert model != "auto" or len(found.candidates) > 4
-    assert found.held_out_rms_px < 1.3 * np.sqrt(2) * NOISE_PX
-    assert off_deg(found, camera) < 0.05
+    assert model != "auto" or len(calibration.candidates) > 4
+    assert calibration.held_out_rms_px < 1.3 * np.sqrt(2) * NOISE_PX
+    assert error_deg(calibration, camera) < 0.05
 
 
-def test_boards_and_stars_are_adjusted_jointly_and_wrong_star_is_named():
-    sky = seen(TRUTH, 0, 30, seed=2)
+def test_boards_and_stars_are_adjusted_jointly_and_outlier_is_reported():
+    sky = surveyed_points(TRUTH, 0, 30, seed=2)
     sky.pixels[7] += [12.0, -9.0]
-    found = om.calibrate_camera(detections(count=4), BOARD, surveys=[sky], model="unified")
-    assert [p.name for p in found.images] == [*(f"image {i}" for i in range(1, 5)), "room"]
-    assert all(p.used for p in found.images)
-    (wrong,) = found.outliers
-    assert (wrong.image, wrong.corner) == ("room", 7)
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
-    alone = om.calibrate_camera(detections(count=4), BOARD, model="unified")
-    assert off_deg(found, TRUTH) < off_deg(alone, TRUTH)
+    calibration = om.calibrate_camera(detections(count=4), BOARD, surveys=[sky], model="unified")
+    assert [p.name for p in calibration.images] == [*(f"image {i}" for i in range(1, 5)), "room"]
+    assert all(p.used for p in calibration.images)
+    (outlier,) = calibration.outliers
+    assert (outlier.image, outlier.corner) == ("room", 7)
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    boards_only = om.calibrate_camera(detections(count=4), BOARD, model="unified")
+    assert error_deg(calibration, TRUTH) < error_deg(boards_only, TRUTH)
 
 
 def test_board_shape_does_not_affect_surveyed_points():
@@ -122,9 +129,11 @@ def test_board_shape_does_not_affect_surveyed_points():
     bent = BOARD.points_mm.copy()
     bent[:, 2] = 3.0 * ((bent[:, 0] - bent[:, 0].mean()) / 150.0) ** 2
     boards = detections(count=6, points_mm=bent)
-    found = om.calibrate_camera(boards, BOARD, surveys=[seen(TRUTH, 40, 0)], model="unified")
-    assert found.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
-    assert max(abs(v) for v in found.shape.values[2:]) > 1.0
+    calibration = om.calibrate_camera(
+        boards, BOARD, surveys=[surveyed_points(TRUTH, 40, 0)], model="unified"
+    )
+    assert calibration.rms_px == pytest.approx(np.sqrt(2) * NOISE_PX, rel=0.1)
+    assert max(abs(v) for v in calibration.shape.values[2:]) > 1.0
 
 
 @pytest.mark.full
@@ -133,16 +142,18 @@ def test_few_points_are_fitted_with_mirror_model():
     """Any mirror fits 9 of the 28 points; the others then keep residuals of 26 px."""
     camera, random = om.load_sensor("paper-hyperboloidal"), np.random.default_rng(2)
     points = random.normal(0, 1500, (30, 3)) * [1, 1, 0.5]
-    found = camera.project(points)
-    pixels = found.pixels[found.valid] + random.normal(0, NOISE_PX, (found.valid.sum(), 2))
-    room = om.Observation("room", pixels, points[found.valid])
-    fit = om.calibrate_camera(surveys=[room], image_size=camera.image_size, model="sensor")
+    projection = camera.project(points)
+    pixels = projection.pixels[projection.valid] + random.normal(
+        0, NOISE_PX, (projection.valid.sum(), 2)
+    )
+    observation = om.Observation("room", pixels, points[projection.valid])
+    fit = om.calibrate_camera(surveys=[observation], image_size=camera.image_size, model="sensor")
     assert fit.rms_px < np.sqrt(2) * NOISE_PX
     assert fit.held_out_rms_px < 2 * np.sqrt(2) * NOISE_PX
 
 
 @pytest.mark.parametrize(
-    ("ask", "says"),
+    ("make_arguments", "message"),
     [
         (lambda s: {"surveys": [s]}, "must be specified for surveyed points"),
         (
@@ -170,16 +181,16 @@ def test_few_points_are_fitted_with_mirror_model():
         ),
     ],
 )
-def test_invalid_surveys_raise(ask, says):
-    with pytest.raises(InvalidParameter, match=says):
-        om.calibrate_camera(**ask(seen(TRUTH, 40, 0)), model="unified")
+def test_invalid_surveys_raise(make_arguments, message):
+    with pytest.raises(InvalidParameter, match=message):
+        om.calibrate_camera(**make_arguments(surveyed_points(TRUTH, 40, 0)), model="unified")
 
 
 # -- files
 # -----------------------------------------------------------------------------------------------
 
 
-def written(folder, survey: om.Observation, *kinds: str) -> list[str]:
+def written_files(folder, survey: om.Observation, *kinds: str) -> list[str]:
     """Return command options for files of observations."""
     options = []
     for kind in kinds:
@@ -187,21 +198,23 @@ def written(folder, survey: om.Observation, *kinds: str) -> list[str]:
         numbers = np.hstack([survey.pixels, survey.points])[rows]
         lines = [f"{survey.name}," + ",".join(f"{x:.6f}" for x in row) for row in numbers]
         (folder / f"{kind}.csv").write_text(
-            "\n".join(["# measured on Monday", HEAD[kind], *lines]) + "\n"
+            "\n".join(["# measured on Monday", HEADERS[kind], *lines]) + "\n"
         )
         options += [f"--{kind}", str(folder / f"{kind}.csv")]
     return options
 
 
 def test_files_return_observations_and_locations(tmp_path):
-    survey = seen(TRUTH, 12, 6)
-    written(tmp_path, survey, "points", "directions")
-    (read,), places = om.read_observations([tmp_path / "points.csv"], [tmp_path / "directions.csv"])
-    assert read.name == "room"
-    assert read.points == pytest.approx(survey.points, abs=1e-5)
-    assert read.distant.tolist() == survey.distant.tolist()
-    assert places["room"][0] == "points.csv line 3"
-    assert places["room"][12] == "directions.csv line 3"
+    survey = surveyed_points(TRUTH, 12, 6)
+    written_files(tmp_path, survey, "points", "directions")
+    (observation,), locations = om.read_observations(
+        [tmp_path / "points.csv"], [tmp_path / "directions.csv"]
+    )
+    assert observation.name == "room"
+    assert observation.points == pytest.approx(survey.points, abs=1e-5)
+    assert observation.distant.tolist() == survey.distant.tolist()
+    assert locations["room"][0] == "points.csv line 3"
+    assert locations["room"][12] == "directions.csv line 3"
 
 
 def test_azimuths_are_counted_clockwise_from_above(tmp_path):
@@ -216,7 +229,7 @@ def test_azimuths_are_counted_clockwise_from_above(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", "contains no points; its first line must be u_px,v_px,x,y,z"),
         (
@@ -238,9 +251,9 @@ def test_azimuths_are_counted_clockwise_from_above(tmp_path):
         ),
     ],
 )
-def test_invalid_file_raises_with_line_number(tmp_path, text, says):
+def test_invalid_file_raises_with_line_number(tmp_path, text, message):
     (tmp_path / "sky.csv").write_text(text)
-    with pytest.raises(InvalidParameter, match=says):
+    with pytest.raises(InvalidParameter, match=message):
         om.read_observations(directions=[tmp_path / "sky.csv"])
 
 
@@ -249,7 +262,7 @@ def test_command_calibrates_from_files(tmp_path):
 
     from omnimirror.apps.cli.commands.calibrate import command
 
-    options = written(tmp_path, seen(TRUTH, 30, 20), "points", "directions")
+    options = written_files(tmp_path, surveyed_points(TRUTH, 30, 20), "points", "directions")
     out = tmp_path / "camera.toml"
     run = CliRunner().invoke(
         command,
@@ -272,7 +285,7 @@ def test_command_calibrates_from_files(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         ([], "IMAGES of a board, --points or --directions must be given"),
         (["a.png"], "IMAGES require --board and --square-mm"),
@@ -280,11 +293,11 @@ def test_command_calibrates_from_files(tmp_path):
         (["a.png", "--board", "11x7"], "--board and --square-mm must be given together"),
     ],
 )
-def test_command_reports_missing_input(arguments, says):
+def test_command_reports_missing_input(arguments, message):
     from click.testing import CliRunner
 
     from omnimirror.apps.cli.commands.calibrate import command
 
     run = CliRunner().invoke(command, arguments)
     assert run.exit_code == 2
-    assert says in " ".join(run.output.split())
+    assert message in " ".join(run.output.split())

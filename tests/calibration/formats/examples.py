@@ -63,7 +63,7 @@ THIN_PRISM = ThinPrismFisheye(
 )
 
 
-def seen(camera, most_deg=180.0):
+def projected_points(camera, max_angle_deg=180.0):
     """Return pixels and the points they observe, in the file frame: right, down, towards the
     observation of the centre."""
     pixels = np.random.default_rng(5).uniform(0, np.array(camera.image_size) - 1, (400, 2))
@@ -71,5 +71,5 @@ def seen(camera, most_deg=180.0):
     turned = directions[valid] @ camera.mount.rotation()
     reversed_x = -1 if camera.mount.image_flipped else 1
     points = turned * [reversed_x, 1, -1 if camera.is_backward_facing else 1]
-    near = points[:, 2] > np.cos(np.radians(most_deg))
+    near = points[:, 2] > np.cos(np.radians(max_angle_deg))
     return pixels[valid][near], points[near] * np.linspace(500, 3000, near.sum())[:, None]

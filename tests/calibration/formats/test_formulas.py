@@ -29,7 +29,7 @@ from tests.calibration.formats.examples import (
     UNIFIED,
     C,
     F,
-    seen,
+    projected_points,
 )
 
 UNSKEWED = replace(UNIFIED, skew_px=0.0)
@@ -47,7 +47,7 @@ def test_ocamcalibs_inverse_polynomial_projects_as_its_direct_one(tmp_path):
     ]
     (_, *_), (_, *inverse), (xc, yc), (c, d, e), size = rows
     assert size == [768, 1024]
-    pixels, (right, down, z) = (found := seen(OCAM))[0], found[1].T
+    pixels, (right, down, z) = (projected := projected_points(OCAM))[0], projected[1].T
     norm = np.hypot(right, down)
     theta = np.arctan(-z / norm)
     rho = sum(a * theta**i for i, a in enumerate(inverse))
@@ -60,7 +60,7 @@ def test_py_ocamcalibs_json(tmp_path):
     """cam2world of py-OCamCalib, and the inverse polynomial of its world2cam_fast."""
     om.convert(OCAM, tmp_path / "a.json", to="py-ocamcalib")
     file = json.loads((tmp_path / "a.json").read_text())
-    pixels, points = seen(OCAM)
+    pixels, points = projected_points(OCAM)
     stretch = np.array(file["stretch_matrix"])
     plane = (pixels - file["distortion_center"]) @ np.linalg.inv(stretch).T
     rho = np.hypot(*plane.T)
@@ -81,7 +81,7 @@ def test_py_omnicalibs_yaml(tmp_path):
     camera = replace(OCAM, affine=(1.0, 0.0, 0.0))
     om.convert(camera, tmp_path / "calibration.yml", to="py-omnicalib")
     file = yaml.safe_load((tmp_path / "calibration.yml").read_text())
-    pixels, points = seen(camera)
+    pixels, points = projected_points(camera)
     plane = pixels - file["principal_point"]
     rho = np.hypot(*plane.T)
     rays = np.column_stack([plane, np.polynomial.polynomial.polyval(rho, file["poly_radius_to_z"])])
@@ -93,20 +93,20 @@ def test_py_omnicalibs_yaml(tmp_path):
     np.testing.assert_allclose(inverse, rho, atol=0.0101, rtol=0)
 
 
-def test_py_omnicalibs_own_file(shared_data):
+def test_file_written_by_py_omnicalib(shared_data):
     """The file contains the projection twice: the polynomial that is read, and its inverse fitted
     by py-omnicalib."""
     source = shared_data / "kaidan_omni" / "example_calibration.yml"
-    name, (stored,) = read_cameras(
+    name, (loaded,) = read_cameras(
         source, ReadOptions(source.name, rim_radius_px=223.0, image_size=(640, 480))
     )
     assert name == "py-omnicalib"
     file = yaml.safe_load(source.read_text())
-    np.testing.assert_array_equal(stored.camera.centre_px, file["principal_point"])
+    np.testing.assert_array_equal(loaded.camera.centre_px, file["principal_point"])
     omega = np.radians(np.linspace(10.0, 110.0, 51))
     expected = np.polynomial.polynomial.polyval(omega, file["poly_incident_angle_to_radius"])
     np.testing.assert_allclose(
-        stored.camera.radius_from_omega(omega), expected, atol=3.5
+        loaded.camera.radius_from_omega(omega), expected, atol=3.5
     )  # fourth degree only
 
 
@@ -130,7 +130,7 @@ def test_matlabs_fisheye_intrinsics(tmp_path, name):
             for part in re.findall(r"\[([^\]]*)\]", code)
         )
     assert size.tolist() == [768, 1024]
-    pixels, points = seen(OCAM)
+    pixels, points = projected_points(OCAM)
     plane = (pixels + 1 - centre) @ np.linalg.inv(stretch).T
     rho = np.hypot(*plane.T)
     rays = np.column_stack([plane, a[0] + a[1] * rho**2 + a[2] * rho**3 + a[3] * rho**4])
@@ -144,7 +144,7 @@ def test_opencv_reads_our_fisheye_and_projects_the_same_points(tmp_path, camera)
     storage = cv2.FileStorage(str(tmp_path / "a.yaml"), cv2.FILE_STORAGE_READ)
     K, D = (storage.getNode(name).mat() for name in ("camera_matrix", "distortion_coefficients"))
     assert storage.getNode("image_width").real() == 1024
-    pixels, points = seen(camera, 89.0)
+    pixels, points = projected_points(camera, 89.0)
     alpha = K[0, 1] / K[0, 0]
     projected, _ = cv2.fisheye.projectPoints(
         points[None], np.zeros(3), np.zeros(3), K, D, alpha=alpha
@@ -193,7 +193,7 @@ def kalibr(camera, points):
 
 
 @pytest.mark.parametrize(
-    ("to", "camera", "most_deg"),
+    ("to", "camera", "max_angle_deg"),
     [
         ("kalibr-omni", UNSKEWED, 180.0),
         (
@@ -210,12 +210,12 @@ def kalibr(camera, points):
     ],
 )
 @pytest.mark.parametrize("flip", [False, True])
-def test_kalibr_formulas(tmp_path, to, camera, most_deg, flip):
-    made = om.convert(camera, tmp_path / "camchain.yaml", to=to, flip=flip)
-    assert made.exact
+def test_kalibr_formulas(tmp_path, to, camera, max_angle_deg, flip):
+    result = om.convert(camera, tmp_path / "camchain.yaml", to=to, flip=flip)
+    assert result.exact
     file = yaml.safe_load((tmp_path / "camchain.yaml").read_text())["cam0"]
     assert file["resolution"] == [1024, 768]
-    pixels, points = seen(made.camera, most_deg)
+    pixels, points = projected_points(result.camera, max_angle_deg)
     np.testing.assert_allclose(kalibr(file, points), pixels, atol=1e-9, rtol=0)
 
 
@@ -245,7 +245,7 @@ def test_ros_camera_info(tmp_path, model):
         768,
     )
     K, D = (np.array(file[k]["data"]) for k in ("camera_matrix", "distortion_coefficients"))
-    pixels, points = seen(camera, 80.0)
+    pixels, points = projected_points(camera, 80.0)
     project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
     projected, _ = project(points[None], np.zeros(3), np.zeros(3), K.reshape(3, 3), D)
     np.testing.assert_allclose(projected.reshape(-1, 2), pixels, atol=1e-6, rtol=0)
@@ -281,10 +281,10 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
     def read(name, data):
         return _colmap.read(CameraFile(name, data), ReadOptions(name))
 
-    found = read("cameras.bin", struct.pack("<Q", 2) + first + second)
-    assert [stored.name for stored in found] == ["7", "9"]
-    assert [stored.camera.image_size for stored in found] == [(640, 480), (1024, 768)]
-    assert found[1].camera.centre_px == (512.0, 384.0)
+    cameras = read("cameras.bin", struct.pack("<Q", 2) + first + second)
+    assert [loaded.name for loaded in cameras] == ["7", "9"]
+    assert [loaded.camera.image_size for loaded in cameras] == [(640, 480), (1024, 768)]
+    assert cameras[1].camera.centre_px == (512.0, 384.0)
     with pytest.raises(
         SpecError, match=r"cameras\.bin camera 2: the model must be 0 to 17; got 99"
     ):
@@ -300,7 +300,7 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
             read("cameras.txt", f"2 {name} 640 480 1".encode())
     with pytest.raises(SpecError, match=r"cameras\.bin ends in the middle of a camera"):
         read("cameras.bin", struct.pack("<Q", 2) + first + second[:-1])
-    for line, said in (
+    for line, message in (
         (
             f"{'x' * 50} PINHOLE 640",
             f"a camera must be CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got '{'x' * 40}'",
@@ -336,7 +336,7 @@ def test_all_cameras_of_a_file_of_colmap_are_read_and_numbered():
         (f"1 PINHOLE 640 {2**31 - 1} 1 1 1 1", "image height must be an integer between 1 and"),
         (f"1 PINHOLE {2**31} 480 1 1 1 1", "the image size must be positive integers"),
     ):
-        with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(said)}"):
+        with pytest.raises(SpecError, match=f"cameras.txt line 2: {re.escape(message)}"):
             read("cameras.txt", f"# a comment\n{line}\n".encode())
     with pytest.raises(
         SpecError,
@@ -434,15 +434,15 @@ def test_colmaps_models_are_read_by_number_and_by_name(number, name, parameters,
         for file, data in (("cameras.bin", binary), ("cameras.txt", text))
     ]
     assert read[0] == read[1]
-    ((stored,), _) = read
-    assert (stored.name, stored.camera.image_size) == ("3", size)
-    assert stored.camera.centre_px == (321.0, 241.0)
-    assert stored.camera.focal_px == (300.0, 310.0 if "fy" in parameters else 300.0)
+    ((loaded,), _) = read
+    assert (loaded.name, loaded.camera.image_size) == ("3", size)
+    assert loaded.camera.centre_px == (321.0, 241.0)
+    assert loaded.camera.focal_px == (300.0, 310.0 if "fy" in parameters else 300.0)
     for word, value in zip(parameters.split(), numbers, strict=True):
         if word not in ("f", "fx", "fy", "cx", "cy"):
-            assert getattr(stored.camera, word) == value
+            assert getattr(loaded.camera, word) == value
     if name in ("OPENCV_FISHEYE", "EUCM", "RAD_TAN_THIN_PRISM_FISHEYE"):
-        assert _colmap.binary_file(size, name, _colmap.values_of(stored.camera, name)) == (
+        assert _colmap.binary_file(size, name, _colmap.values_of(loaded.camera, name)) == (
             struct.pack("<QI", 1, 1) + binary[12:]
         )
         assert _colmap.text_file((640, 479), name, numbers).splitlines()[-1].split()[:4] == [

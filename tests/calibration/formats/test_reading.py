@@ -19,7 +19,7 @@ from omnimirror.cameras.models.plausibility import (
     inverse_polynomial_warnings,
     plausibility_warnings,
 )
-from tests.calibration.formats.examples import seen
+from tests.calibration.formats.examples import projected_points
 
 SIZE = (1280, 960)
 K = np.array([[401.0, 0.7, 655.0], [0.0, 399.0, 475.0], [0.0, 0.0, 1.0]])
@@ -51,8 +51,8 @@ def mei(points, xi, k1, k2, p1, p2):
     return radtan(x / (z + xi), y / (z + xi), k1, k2, p1, p2)
 
 
-def check(camera, project, most_deg=180.0):
-    pixels, points = seen(camera, most_deg)
+def check(camera, project, max_angle_deg=180.0):
+    pixels, points = projected_points(camera, max_angle_deg)
     assert len(pixels) > 80
     np.testing.assert_allclose(np.stack(project(points), axis=-1), pixels, atol=1e-6, rtol=0)
 
@@ -81,8 +81,8 @@ def test_omnidirs_file_in_every_storage_of_opencv(tmp_path, name, xi):
         distortion_coefficients=np.array([[k1, k2, p1, p2]]),
         xi=xi,
     )
-    found, camera, notes = read(tmp_path / name)
-    assert (found, notes, camera.image_size) == ("opencv-omnidir", (), SIZE)
+    title, camera, notes = read(tmp_path / name)
+    assert (title, notes, camera.image_size) == ("opencv-omnidir", (), SIZE)
 
     def project(points):
         x, y = mei(points, *OMNIDIR)
@@ -107,15 +107,15 @@ QUOTED = """"camera_matrix": {"rows": 3, "cols": 3, "data": [401, 0, 655, 0, 399
     ids=["quoted", "indented", "flow"],
 )
 def test_the_spelling_of_keys_does_not_change_the_model(tmp_path, text):
-    found, camera, _ = read(tmp_path / "a.yaml", text, size=SIZE)
-    assert (found, camera.xi, camera.p1) == ("opencv-omnidir", 1.31, 0.002)
+    title, camera, _ = read(tmp_path / "a.yaml", text, size=SIZE)
+    assert (title, camera.xi, camera.p1) == ("opencv-omnidir", 1.31, 0.002)
 
 
 PLAIN = np.array([[500.0, 0.0, 655.0], [0.0, 498.0, 475.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize(
-    ("coefficients", "flag", "found"),
+    ("coefficients", "flag", "program"),
     [
         (FISHEYE, 1, "opencv-fisheye"),
         (PINHOLE, 0, "opencv-pinhole"),
@@ -125,7 +125,7 @@ PLAIN = np.array([[500.0, 0.0, 655.0], [0.0, 498.0, 475.0], [0.0, 0.0, 1.0]])
     ],
 )
 @pytest.mark.parametrize("name", ["a.yml", "a.json"])
-def test_opencvs_calibration_sample(tmp_path, name, coefficients, flag, found):
+def test_opencvs_calibration_sample(tmp_path, name, coefficients, flag, program):
     flags = {} if flag is None else {"fisheye_model": flag}
     store(
         tmp_path / name,
@@ -135,8 +135,8 @@ def test_opencvs_calibration_sample(tmp_path, name, coefficients, flag, found):
         camera_matrix=PLAIN,
         distortion_coefficients=coefficients[:, None],
     )
-    said, camera, _ = read(tmp_path / name)
-    assert said == found
+    title, camera, _ = read(tmp_path / name)
+    assert title == program
     project = cv2.fisheye.projectPoints if flag else cv2.projectPoints
     zero = np.zeros(3)
     check(
@@ -182,12 +182,12 @@ def test_four_coefficients_without_a_model_are_ambiguous(tmp_path):
         ("<a><xi>1</xi><xi>2</xi></a>", "xi must not occur twice in the file"),
     ],
 )
-def test_wrong_xml_is_refused(tmp_path, text, message):
+def test_invalid_xml_is_rejected(tmp_path, text, message):
     with pytest.raises(SpecError, match=message):
         read(tmp_path / "a.xml", text)
 
 
-def test_damaged_gzip_is_refused(tmp_path):
+def test_damaged_gzip_is_rejected(tmp_path):
     for i, data in enumerate((gzip.compress(QUOTED.encode())[:-9], b"\x1f\x8b" + b"x" * 40)):
         (tmp_path / f"{i}.yml.gz").write_bytes(data)
         with pytest.raises(SpecError, match=r"damaged|truncated"):
@@ -228,8 +228,8 @@ AFFINE = (0.9996, -0.0035, 0.0039)
 
 def test_camodocals_mei_and_kannala_brandt(tmp_path):
     """CataCamera::spaceToPlane and EquidistantCamera::spaceToPlane."""
-    found, camera, _ = read(tmp_path / "a.yaml", "%YAML:1.0\n---\n" + yaml.safe_dump(MEI))
-    assert found == "camodocal"
+    title, camera, _ = read(tmp_path / "a.yaml", "%YAML:1.0\n---\n" + yaml.safe_dump(MEI))
+    assert title == "camodocal"
 
     def project(points):
         x, y = mei(points, *OMNIDIR)
@@ -287,8 +287,8 @@ def test_ocamcalibs_polynomials_in_x_and_y(tmp_path, program, affine):
         table |= {f"Camera.a{i}": a for i, a in enumerate(POLY)} | dict(
             zip(names, (*affine, *centre), strict=True)
         )
-    found, camera, notes = read(tmp_path / "a.yaml", yaml.safe_dump(table))
-    assert (found, notes) == (program, ())
+    title, camera, notes = read(tmp_path / "a.yaml", yaml.safe_dump(table))
+    assert (title, notes) == (program, ())
     check(camera, lambda points: ocam_pixels(points, POLY, affine, centre))
 
 
@@ -358,8 +358,8 @@ def test_basalts_rig(tmp_path):
     path.write_text(
         json.dumps({"value0": {"T_imu_cam": [], "intrinsics": BASALT, "resolution": [SIZE] * 4}})
     )
-    found, cameras = read_cameras(path, ReadOptions(str(path), "fisheye"))
-    assert (found, [c.name for c in cameras]) == ("basalt", ["0", "1", "2", "3"])
+    title, cameras = read_cameras(path, ReadOptions(str(path), "fisheye"))
+    assert (title, [c.name for c in cameras]) == ("basalt", ["0", "1", "2", "3"])
     for stored, entry in zip(cameras, BASALT, strict=True):
         assert stored.camera.omega_max > np.radians(95.0)
         check(
@@ -386,12 +386,12 @@ def test_written_files_match_original_program(tmp_path, to):
         else {"value0": {"intrinsics": [source], "resolution": [SIZE]}}
     )
     (tmp_path / "source.json").write_text(json.dumps(table))
-    made = om.convert(tmp_path / "source.json", tmp_path / "target", to=to, optics="fisheye")
-    assert made.exact
+    result = om.convert(tmp_path / "source.json", tmp_path / "target", to=to, optics="fisheye")
+    assert result.exact
     text = (tmp_path / "target").read_text()
     if to.startswith("basalt"):
-        back = json.loads(text)["value0"]
-        assert (back["intrinsics"], back["resolution"]) == ([source], [list(SIZE)])
+        entries = json.loads(text)["value0"]
+        assert (entries["intrinsics"], entries["resolution"]) == ([source], [list(SIZE)])
         return
     storage = cv2.FileStorage(str(tmp_path / "target"), cv2.FILE_STORAGE_READ)
     assert storage.getNode("model_type").string() == source["model_type"]
@@ -427,8 +427,8 @@ def test_messages_of_ros(tmp_path, dump, model, is_lower):
     k = FISHEYE if model == "equidistant" else np.append(PINHOLE, 0.02)
     message = MESSAGE | {"distortion_model": model, "D": k.tolist()}
     message = {key.lower() if is_lower else key: value for key, value in message.items()}
-    found, camera, notes = read(tmp_path / "info.yaml", dump(message))
-    assert (found, notes) == ("ros", ())
+    title, camera, notes = read(tmp_path / "info.yaml", dump(message))
+    assert (title, notes) == ("ros", ())
     project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
     zero = np.zeros(3)
     check(
@@ -459,8 +459,8 @@ def test_camera_info_in_json_is_a_pinhole(tmp_path):
         "camera_matrix": {"rows": 3, "cols": 3, "data": PLAIN.ravel().tolist()},
         "distortion_coefficients": {"rows": 1, "cols": 4, "data": PINHOLE.tolist()},
     }
-    found, camera, _ = read(tmp_path / "a.json", json.dumps(table))
-    assert (found, camera.KIND, camera.xi, camera.p1) == ("ros", "unified", 0.0, PINHOLE[2])
+    title, camera, _ = read(tmp_path / "a.json", json.dumps(table))
+    assert (title, camera.KIND, camera.xi, camera.p1) == ("ros", "unified", 0.0, PINHOLE[2])
 
 
 # -- sizes, contradictions
@@ -468,15 +468,15 @@ def test_camera_info_in_json_is_a_pinhole(tmp_path):
 
 
 @pytest.mark.parametrize("prefix", ["cam0:\n  ", ""], ids=["chain", "alone"])
-def test_a_kalibr_file_without_resolution_takes_the_given_size(tmp_path, prefix):
+def test_a_kalibr_file_without_resolution_uses_the_specified_size(tmp_path, prefix):
     lines = [
         "camera_model: ds",
         "intrinsics: [-0.2, 0.59, 300, 301, 655, 475]",
         "distortion_model: none",
     ]
     text = prefix + ("\n  " if prefix else "\n").join(lines) + "\n"
-    found, camera, _ = read(tmp_path / "a.yaml", text, size=(1280, 960))
-    assert (found, camera.image_size) == ("kalibr", (1280, 960))
+    title, camera, _ = read(tmp_path / "a.yaml", text, size=(1280, 960))
+    assert (title, camera.image_size) == ("kalibr", (1280, 960))
     with pytest.raises(SpecError, match=r"--set camera\.image_size"):
         read(tmp_path / "a.yaml")
 
@@ -550,7 +550,7 @@ def test_a_consistent_file_has_no_notes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "magnitude"),
+    ("changes", "magnitude"),
     [
         (
             {"inverse_scale": 1.1},
@@ -581,15 +581,15 @@ def test_a_consistent_file_has_no_notes(tmp_path):
         ({"centre": "-50 515"}, r"centre \(515, -50\) is outside the"),
     ],
 )
-def test_contradictions_are_reported_with_their_magnitude(tmp_path, wrong, magnitude):
-    text = calib_results(**wrong)
+def test_contradictions_are_reported_with_their_magnitude(tmp_path, changes, magnitude):
+    text = calib_results(**changes)
     *_, notes = read(tmp_path / "a.txt", text, "mirror")
     (note,) = notes
     assert re.search(magnitude, note), note
     with pytest.warns(OmnimirrorWarning, match=magnitude):
         om.load_ocam(tmp_path / "a.txt")
-    made = om.convert(tmp_path / "a.txt", tmp_path / "b.toml")
-    assert note in made.notes
+    result = om.convert(tmp_path / "a.txt", tmp_path / "b.toml")
+    assert note in result.notes
     with pytest.warns(OmnimirrorWarning, match=magnitude):
         om.load_camera(tmp_path / "a.txt")
 
@@ -625,11 +625,11 @@ def test_the_inverse_polynomial_is_compared_as_far_as_the_field(tmp_path):
     radius = RIGHT.radius_from_omega(angles)
     inverse = np.polynomial.Polynomial.fit(angles - np.pi / 2, radius, 20).convert().coef
     assert inverse_polynomial_warnings(RIGHT, inverse) == []
-    off = inverse.copy()
-    off[0] += 0.7
-    assert inverse_polynomial_warnings(RIGHT, off) == []
-    off[0] += 0.7
-    assert "up to 1.4 px" in inverse_polynomial_warnings(RIGHT, off)[0]
+    changed = inverse.copy()
+    changed[0] += 0.7
+    assert inverse_polynomial_warnings(RIGHT, changed) == []
+    changed[0] += 0.7
+    assert "up to 1.4 px" in inverse_polynomial_warnings(RIGHT, changed)[0]
 
 
 def test_the_base_of_all_errors_is_at_the_top():

@@ -10,23 +10,25 @@ from omnimirror.calibration.rim._classifier import confidence
 from omnimirror.calibration.rim._rim_detection import MIN_CONFIDENCE
 
 
-def by_hand(odds: list[float], rivals: list[float], parallel: float, within: float) -> float:
+def by_hand(
+    log_odds: list[float], rival_log_odds: list[float], parallel: float, within: float
+) -> float:
     """Return agreement times lead times probability of a mirror, each a logistic function."""
 
     def share(value: float, middle: float, width: float) -> float:
         return 1 / (1 + math.exp(-(value - middle) / width))
 
-    margins = [a - b for a, b in zip(odds, rivals, strict=True)]
+    margins = [a - b for a, b in zip(log_odds, rival_log_odds, strict=True)]
     agreement = sum(share(margin, -2.0, 0.4) for margin in margins) / len(margins)
-    lead = share(sum(margins) / len(margins), 1.55, 0.04)
+    distance = share(sum(margins) / len(margins), 1.55, 0.04)
     housing = min(max((within - 0.6) / 0.15, 0.0), 1.0)
     evidence = (1 - housing) * 30 * (min(parallel, 0.2) - 0.1) - 6 * housing
-    mirror = share(sum(odds) / len(odds) + evidence, -1.85, 0.2)
-    return max(0.0, 2 * agreement - 1) * lead * mirror
+    mirror = share(sum(log_odds) / len(log_odds) + evidence, -1.85, 0.2)
+    return max(0.0, 2 * agreement - 1) * distance * mirror
 
 
 @pytest.mark.parametrize(
-    ("odds", "rivals", "parallel", "within"),
+    ("log_odds", "rival_log_odds", "parallel", "within"),
     [
         ([1.0, 1.2, 2.5], [0.9, -0.1, -1.8], 0.2, 0.0),
         ([3.6, 1.1, -0.1], [-1.5, -0.6, -2.0], 0.05, 0.62),
@@ -34,9 +36,9 @@ def by_hand(odds: list[float], rivals: list[float], parallel: float, within: flo
         ([5.0], [-1.0], 0.0, 0.8),
     ],
 )
-def test_confidence_is_product_of_three_factors(odds, rivals, parallel, within):
-    found = confidence(np.array(odds), np.array(rivals), parallel, within)
-    assert found == pytest.approx(by_hand(odds, rivals, parallel, within), abs=1e-12)
+def test_confidence_is_product_of_three_factors(log_odds, rival_log_odds, parallel, within):
+    value = confidence(np.array(log_odds), np.array(rival_log_odds), parallel, within)
+    assert value == pytest.approx(by_hand(log_odds, rival_log_odds, parallel, within), abs=1e-12)
 
 
 def test_a_circle_of_two_resolutions_of_three_is_rejected():
@@ -47,13 +49,13 @@ def test_a_circle_of_two_resolutions_of_three_is_rejected():
 
 def test_a_plate_without_parallel_edges_is_rejected():
     """All resolutions agree on it, but without compression of the content towards its edge."""
-    odds, rivals = np.array([-0.7, -1.6, 0.0]), np.array([-4.4, -4.3, -5.1])
-    assert confidence(odds, rivals, 0.01) < 0.05
-    assert confidence(odds, rivals, 0.2) > 0.9
+    log_odds, rival_log_odds = np.array([-0.7, -1.6, 0.0]), np.array([-4.4, -4.3, -5.1])
+    assert confidence(log_odds, rival_log_odds, 0.01) < 0.05
+    assert confidence(log_odds, rival_log_odds, 0.2) > 0.9
 
 
 def test_a_housing_is_rejected_for_the_clear_ring_within():
     """It is the best circle at all resolutions, and its parallel edges belong to the inner ring."""
-    odds, rivals = np.array([0.3, 0.7, 1.2]), np.array([-1.6, -2.3, -3.1])
-    assert confidence(odds, rivals, 0.22, within=0.86) < 0.05
-    assert confidence(odds, rivals, 0.22, within=0.5) > 0.9
+    log_odds, rival_log_odds = np.array([0.3, 0.7, 1.2]), np.array([-1.6, -2.3, -3.1])
+    assert confidence(log_odds, rival_log_odds, 0.22, within=0.86) < 0.05
+    assert confidence(log_odds, rival_log_odds, 0.22, within=0.5) > 0.9

@@ -18,7 +18,7 @@ ENVIRONMENTS = SHARED / "environments" if SHARED.is_dir() else None
 KAIDAN = [f"KaidanOmni{k}.jpg" for k in range(1, 18)]
 
 
-def few(every_day, of):
+def select_cases(every_day, of):
     """Return all cases; the ones not selected run in the full test."""
     return [pytest.param(one, marks=() if one in every_day else pytest.mark.full) for one in of]
 
@@ -29,7 +29,7 @@ def composed(seed: int, mirror: bool = True) -> LabelledImage:
 
 
 @cache
-def found_in_kaidan(name: str) -> om.MirrorOutline:
+def outline_of_kaidan(name: str) -> om.MirrorOutline:
     return om.detect_mirror_outline(om.read_image(SHARED / "kaidan_omni" / name))
 
 
@@ -44,7 +44,7 @@ def is_rim_of_kaidan(rim: om.MirrorOutline) -> bool:
 @pytest.mark.full
 @pytest.mark.parametrize("name", KAIDAN)
 def test_outline_of_mirror_in_housing(shared_data, name):
-    rim = found_in_kaidan(name)
+    rim = outline_of_kaidan(name)
     assert is_rim_of_kaidan(rim)
     assert rim.is_accepted
 
@@ -52,8 +52,8 @@ def test_outline_of_mirror_in_housing(shared_data, name):
 @pytest.mark.full
 @pytest.mark.long
 def test_outlines_of_several_images_of_one_sensor_agree(shared_data):
-    pictures = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 13)]
-    rim = om.detect_mirror_outline(pictures)
+    images = [om.read_image(shared_data / "kaidan_omni" / f"KaidanOmni{k}.jpg") for k in (2, 13)]
+    rim = om.detect_mirror_outline(images)
     assert is_rim_of_kaidan(rim)
     assert rim.confidence > 0.9
     assert len(rim.images) == 2
@@ -61,7 +61,7 @@ def test_outlines_of_several_images_of_one_sensor_agree(shared_data):
 
 def test_camera_is_detected_at_centre(shared_data):
     """It is black there, with a radius of 53 px about (325, 246), measured manually."""
-    rim = found_in_kaidan("KaidanOmni7.jpg")
+    rim = outline_of_kaidan("KaidanOmni7.jpg")
     assert rim.camera_image is not None
     assert rim.camera_image.radius_px == pytest.approx(53, abs=3)
     assert rim.camera_image.centre_px == (pytest.approx(325, abs=3), pytest.approx(246, abs=3))
@@ -94,13 +94,13 @@ NO_BALLS = ["store.jpg", "store_hardware.jpg", "fire_hydrant.jpg"]
 
 
 @cache
-def found_in_ball(name: str, side_px: int) -> tuple[om.MirrorOutline, float]:
+def outline_of_ball(name: str, side_px: int) -> tuple[om.MirrorOutline, float]:
     """Return the outline in a photograph resampled to a longer side, and the scale."""
-    picture = om.read_image(SHARED / "mirrorball" / name)
-    scale = side_px / max(picture.shape[:2])
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    image = om.read_image(SHARED / "mirrorball" / name)
+    scale = side_px / max(image.shape[:2])
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     return om.detect_mirror_outline(
-        cv2.resize(picture, None, fx=scale, fy=scale, interpolation=how)
+        cv2.resize(image, None, fx=scale, fy=scale, interpolation=interpolation)
     ), scale
 
 
@@ -116,7 +116,7 @@ def test_outlines_of_mirror_balls_are_accepted(name, shared_data):
         crop["top"],
         height - crop["bottom"],
     )
-    rim, scale = found_in_ball(name, 1400)
+    rim, scale = outline_of_ball(name, 1400)
     assert rim.is_accepted
     assert rim.radius_px / scale == pytest.approx((right - left + bottom - top) / 4, rel=0.01)
 
@@ -124,7 +124,7 @@ def test_outlines_of_mirror_balls_are_accepted(name, shared_data):
 @pytest.mark.full
 def test_outline_of_a_ladle_is_accepted(shared_data):
     """Measured manually at the edge; the box of its crop is 4 % larger."""
-    rim, scale = found_in_ball("ladle.jpg", 700)
+    rim, scale = outline_of_ball("ladle.jpg", 700)
     assert rim.is_accepted
     assert rim.radius_px / scale == pytest.approx(956, rel=0.01)
     assert np.divide(rim.centre_px, scale) == pytest.approx((1023, 1053), abs=10)
@@ -133,7 +133,7 @@ def test_outline_of_a_ladle_is_accepted(shared_data):
 @pytest.mark.full
 @pytest.mark.parametrize("name", NO_BALLS)
 def test_inconsistent_reflections_are_candidates(name, shared_data):
-    rim, _ = found_in_ball(name, 1400)
+    rim, _ = outline_of_ball(name, 1400)
     assert not rim.is_accepted
     assert rim.candidates[0].centre_px == rim.centre_px
     assert len(rim.candidates) > 1
@@ -143,7 +143,7 @@ def test_inconsistent_reflections_are_candidates(name, shared_data):
 @pytest.mark.full
 def test_neighbouring_rings_are_not_one_outline(shared_data):
     """Rings at a distance of 0.018 radii counted as one, and a radius 2 % too small was accepted."""
-    assert not found_in_ball("fire_hydrant.jpg", 2000)[0].is_accepted
+    assert not outline_of_ball("fire_hydrant.jpg", 2000)[0].is_accepted
 
 
 @pytest.mark.full
@@ -152,10 +152,10 @@ def test_neighbouring_rings_are_not_one_outline(shared_data):
     "name", ["tisch.jpg", "lamp.jpg", "archviz.jpg", "store.jpg", "gene_miller.jpg"]
 )
 def test_resampling_changes_the_confidence_little(name, shared_data):
-    found = [found_in_ball(name, side) for side in (700, 1000, 1400, 4000)]
-    radii = np.array([rim.radius_px / scale for rim, scale in found])
-    assert np.ptp([rim.confidence for rim, _ in found]) < 0.05
-    assert np.ptp(radii) < 0.01 * radii[0] or not any(rim.is_accepted for rim, _ in found)
+    outlines = [outline_of_ball(name, side) for side in (700, 1000, 1400, 4000)]
+    radii = np.array([rim.radius_px / scale for rim, scale in outlines])
+    assert np.ptp([rim.confidence for rim, _ in outlines]) < 0.05
+    assert np.ptp(radii) < 0.01 * radii[0] or not any(rim.is_accepted for rim, _ in outlines)
 
 
 def test_rim_cropped_by_image(shared_data):
@@ -177,7 +177,7 @@ def test_image_without_rim_has_low_confidence(shared_data):
 @pytest.mark.full
 @pytest.mark.parametrize("seed", range(2000, 2008))
 def test_outlines_of_composed_images(seed):
-    """No wrong confident result; the success rate is measured by the benchmark over 200 images."""
+    """No incorrect outline is accepted; the benchmark measures the success rate over 200 images."""
     photograph = composed(seed)
     rim = om.detect_mirror_outline(photograph.image)
     assert photograph.rim is not None
@@ -191,15 +191,15 @@ def test_background_is_not_detected_as_rim(seed):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("way", ["bare", "ball", "enclosed", "outdoors"])
-def test_outlines_in_various_surroundings(way):
-    """No wrong confident result; seeds are not part of the training."""
-    photograph = SURROUNDINGS[way](3000, ENVIRONMENTS)
+@pytest.mark.parametrize("surroundings", ["bare", "ball", "enclosed", "outdoors"])
+def test_outlines_in_various_surroundings(surroundings):
+    """No incorrect outline is accepted; the seeds are not part of the training dataset."""
+    photograph = SURROUNDINGS[surroundings](3000, ENVIRONMENTS)
     rim = om.detect_mirror_outline(photograph.image)
     assert outline_error(rim, photograph.rim) < 0.01 or not rim.is_accepted
 
 
-@pytest.mark.parametrize("seed", few([3001], [3000, 3001]))
+@pytest.mark.parametrize("seed", select_cases([3001], [3000, 3001]))
 def test_plates_and_frames_are_rejected(seed):
     assert not om.detect_mirror_outline(rings(seed, ENVIRONMENTS).image).is_accepted
 
@@ -212,12 +212,12 @@ AMONG_PHOTOGRAPHS = pytest.mark.skipif(
 
 def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return for 200 composed images if the result is within 1 %, and if it is confident."""
-    right, sure = np.zeros(200, bool), np.zeros(200, bool)
+    is_accurate, is_accepted = np.zeros(200, bool), np.zeros(200, bool)
     for i in range(200):
         photograph = compose(first + i, ENVIRONMENTS)
         rim = om.detect_mirror_outline(photograph.image)
-        right[i], sure[i] = outline_error(rim, photograph.rim) < 0.01, rim.is_accepted
-    return right, sure
+        is_accurate[i], is_accepted[i] = outline_error(rim, photograph.rim) < 0.01, rim.is_accepted
+    return is_accurate, is_accepted
 
 
 @pytest.mark.full
@@ -225,47 +225,49 @@ def two_hundred(first: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("first", [5000, 9100])
 def test_detection_rate_on_200_composed_images(first):
-    right, sure = two_hundred(first)
-    assert right.mean() >= 0.99
-    assert not (~right & sure).any()
-    assert sure.mean() >= 0.85
+    is_accurate, is_accepted = two_hundred(first)
+    assert is_accurate.mean() >= 0.99
+    assert not (~is_accurate & is_accepted).any()
+    assert is_accepted.mean() >= 0.85
 
 
-@pytest.mark.parametrize("size", few([720], [600, 720, 1080]))
+@pytest.mark.parametrize("size", select_cases([720], [600, 720, 1080]))
 def test_thin_frame_of_small_image(size):
     """A bright band of 2 % of the radius in front of a dark room, with a uniform sky in the mirror:
     the outer edge of the band is the clearest, and both coincide at the initial working size."""
     v, u = np.mgrid[:size, :size] / size
-    away, turn = np.hypot(u - 0.52, v - 0.47) * size, np.arctan2(v - 0.47, u - 0.52)
+    distance, turn = np.hypot(u - 0.52, v - 0.47) * size, np.arctan2(v - 0.47, u - 0.52)
     radius = 0.33 * size
     sky = np.stack(
         [120 + 30 * np.cos(turn), 160 + 20 * np.cos(turn), np.full(u.shape, 225.0)], axis=-1
     )
-    ground = np.where(np.sin(9 * turn) * np.sin(40 * away / radius) > 0, 60.0, 130.0)[..., None]
+    ground = np.where(np.sin(9 * turn) * np.sin(40 * distance / radius) > 0, 60.0, 130.0)[..., None]
     horizon = radius * (0.5 + 0.1 * np.sin(3 * turn + 1) + 0.04 * np.sign(np.sin(8 * turn)))
-    mirror = np.where((away < horizon)[..., None], ground, sky)
+    mirror = np.where((distance < horizon)[..., None], ground, sky)
     within, about = (
-        np.clip(edge - away + 0.5, 0, 1)[..., None] for edge in (radius, 1.02 * radius)
+        np.clip(edge - distance + 0.5, 0, 1)[..., None] for edge in (radius, 1.02 * radius)
     )
-    room = 45.0 + 10 * np.sin(23 * u + 11 * v)[..., None]
-    picture = (
-        room * (1 - about) + np.array([110.0, 115.0, 200.0]) * (about - within) + mirror * within
+    background = 45.0 + 10 * np.sin(23 * u + 11 * v)[..., None]
+    image = (
+        background * (1 - about)
+        + np.array([110.0, 115.0, 200.0]) * (about - within)
+        + mirror * within
     )
-    rim = om.detect_mirror_outline(np.round(picture).astype(np.uint8))
+    rim = om.detect_mirror_outline(np.round(image).astype(np.uint8))
     assert (
         outline_error(rim, TrueOutline((0.52 * size, 0.47 * size), (radius, radius), 0.0)) < 0.003
     )
 
 
-@pytest.mark.parametrize("kind", few([np.float32], [np.uint8, np.uint16, np.float32]))
+@pytest.mark.parametrize("kind", select_cases([np.float32], [np.uint8, np.uint16, np.float32]))
 def test_all_bit_depths_and_greyscale_are_equivalent(kind):
     """A disc with spokes, known exactly, to 0.1 px."""
     v, u = np.mgrid[:480, :640]
-    away, turn = np.hypot(u - 330.25, v - 215.5), np.arctan2(v - 215.5, u - 330.25)
-    cover = np.clip(180.0 - away + 0.5, 0, 1)
+    radius, turn = np.hypot(u - 330.25, v - 215.5), np.arctan2(v - 215.5, u - 330.25)
+    cover = np.clip(180.0 - radius + 0.5, 0, 1)
     grey = cover * (120 + 80 * np.tanh(6 * np.sin(11 * turn))) + (1 - cover) * 12
-    picture = {np.uint8: grey, np.uint16: grey * 257, np.float32: grey / 255}[kind].astype(kind)
-    rim = om.detect_mirror_outline(picture)
+    image = {np.uint8: grey, np.uint16: grey * 257, np.float32: grey / 255}[kind].astype(kind)
+    rim = om.detect_mirror_outline(image)
     assert rim.centre_px == (pytest.approx(330.25, abs=0.1), pytest.approx(215.5, abs=0.1))
     assert rim.semi_axes_px == (pytest.approx(180, abs=0.15), pytest.approx(180, abs=0.15))
     assert rim.is_accepted

@@ -25,65 +25,67 @@ def pose(
     """Return rotation and position of a board facing the sensor from a direction, with rotations
     about its own axes."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
-    away = np.array(
+    direction = np.array(
         [
             np.cos(elevation) * np.cos(azimuth),
             np.cos(elevation) * np.sin(azimuth),
             np.sin(elevation),
         ]
     )
-    right = -np.cross([0, 0, 1], away) / np.cos(elevation)
-    facing = np.stack([right, np.cross(away, right), away], axis=1)
+    right = -np.cross([0, 0, 1], direction) / np.cos(elevation)
+    facing = np.stack([right, np.cross(direction, right), direction], axis=1)
     rotation = facing @ Rotation.from_euler("xyz", turns_deg or (0, 0, 0), degrees=True).as_matrix()
-    return rotation, distance_mm * away - rotation @ board.points_mm.mean(axis=0)
+    return rotation, distance_mm * direction - rotation @ board.points_mm.mean(axis=0)
 
 
-def photographed(sensor, board, place, *, blur_px=0.7, noise=3.0, quality=90, seed=0, sheet=None):
+def photographed(
+    sensor, board, board_pose, *, blur_px=0.7, noise=3.0, quality=90, seed=0, sheet=None
+):
     """Render a board with blur, noise and compression; return it with its true corners."""
-    light, truth = rendered(sensor, board, place, sheet=sheet)
-    picture = cv2.GaussianBlur(light, (0, 0), blur_px)
+    light, truth = rendered(sensor, board, board_pose, sheet=sheet)
+    blurred = cv2.GaussianBlur(light, (0, 0), blur_px)
     return Photograph(
-        digital(picture, np.random.default_rng(seed), noise=noise, quality=quality), truth
+        digital(blurred, np.random.default_rng(seed), noise=noise, quality=quality), truth
     )
 
 
 def digital(light, random, *, noise=3.0, quality=None):
     """Convert to grey values with noise, clipping, and compression at a JPEG quality."""
-    picture = light + random.normal(0, noise, light.shape)
-    picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    values = light + random.normal(0, noise, light.shape)
+    values = np.clip(np.rint(values), 0, 255).astype(np.uint8)
     if quality is not None:
-        picture = cv2.imdecode(
-            cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0
+        values = cv2.imdecode(
+            cv2.imencode(".jpg", values, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0
         )
-    return picture
+    return values
 
 
-def rendered(sensor, board, place, *, sheet=None):
+def rendered(sensor, board, board_pose, *, sheet=None):
     """Render a sharp, noise-free board; return it with its true corners.
 
     ``sheet`` is the print of a board other than a chessboard: brightness of points (n, 2) mm, NaN
     outside.
     """
-    rotation, translation = place
+    rotation, translation = board_pose
     width, height = sensor.image_size
     truth = sensor.project(board.points_mm @ rotation.T + translation).pixels
-    seen = truth[np.isfinite(truth[:, 0])]
-    low = np.maximum(np.floor(seen.min(axis=0)) - 50, 0).astype(int)
-    high = np.minimum(np.ceil(seen.max(axis=0)) + 50, [width - 1, height - 1]).astype(int)
+    visible = truth[np.isfinite(truth[:, 0])]
+    low = np.maximum(np.floor(visible.min(axis=0)) - 50, 0).astype(int)
+    high = np.minimum(np.ceil(visible.max(axis=0)) + 50, [width - 1, height - 1]).astype(int)
     steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
     columns, rows = (np.arange(low[i], high[i] + 1) for i in (0, 1))
     grid = np.meshgrid((columns[:, None] + steps).ravel(), (rows[:, None] + steps).ravel())
     rays = sensor.backproject(np.stack(grid, axis=-1).reshape(-1, 2))
-    origins, ways = (rays.origins - translation) @ rotation, rays.directions @ rotation
+    origins, directions = (rays.origins - translation) @ rotation, rays.directions @ rotation
     with np.errstate(invalid="ignore", divide="ignore"):
-        length = -origins[:, 2] / ways[:, 2]
-        points = origins[:, :2] + length[:, None] * ways[:, :2]
+        length = -origins[:, 2] / directions[:, 2]
+        points = origins[:, :2] + length[:, None] * directions[:, :2]
         light = (sheet or chessboard(board))(points)
         light = np.where((length > 0) & np.isfinite(light), light, 100.0)
-    picture = np.full((height, width), 100.0)
+    image = np.full((height, width), 100.0)
     shape = (len(rows), SUBPIXELS, len(columns), SUBPIXELS)
-    picture[low[1] : high[1] + 1, low[0] : high[0] + 1] = light.reshape(shape).mean(axis=(1, 3))
-    return Photograph(picture, truth)
+    image[low[1] : high[1] + 1, low[0] : high[0] + 1] = light.reshape(shape).mean(axis=(1, 3))
+    return Photograph(image, truth)
 
 
 def chessboard(board):

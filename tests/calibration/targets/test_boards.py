@@ -11,10 +11,10 @@ import omnimirror as om
 
 def test_corners_of_a_charuco_board_are_opencvs():
     board = om.Board("charuco", 6, 5, 40.0, marker_mm=30.0)
-    theirs = cv2.aruco.CharucoBoard(
+    reference = cv2.aruco.CharucoBoard(
         (6, 5), 40.0, 30.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_1000)
     )
-    corners = np.array(theirs.getChessboardCorners())
+    corners = np.array(reference.getChessboardCorners())
     np.testing.assert_allclose(board.points_mm, corners - corners[0], atol=1e-4)
 
 
@@ -29,7 +29,7 @@ def test_corners_of_an_april_grid_are_kalibrs():
 
 
 @pytest.mark.parametrize(
-    ("board", "sentence"),
+    ("board", "message"),
     [
         ({"kind": "chess"}, "kind must be one of chessboard, charuco, aprilgrid; got 'chess'"),
         ({"columns": 1}, "columns must be an integer between 2 and 200; got 1"),
@@ -43,6 +43,6 @@ def test_corners_of_an_april_grid_are_kalibrs():
         ({"columns": 2, "rows": 2}, "at least 3 x 2 corners"),
     ],
 )
-def test_invalid_boards_raise(board, sentence):
-    with pytest.raises(om.base.errors.InvalidParameter, match=sentence):
+def test_invalid_boards_raise(board, message):
+    with pytest.raises(om.base.errors.InvalidParameter, match=message):
         om.Board(**board)

@@ -17,13 +17,13 @@ def frame(
     left: float, top: float, size: float, turn_deg: float = 0.0, blur: float = 0.6
 ) -> np.ndarray:
     """Return a chessboard of given square size, position and rotation."""
-    drawn = om.draw_board(BOARD, px_per_mm=1.0)
+    board_image = om.draw_board(BOARD, px_per_mm=1.0)
     scale = size / 20
     turn = cv2.getRotationMatrix2D((70.0, 60.0), turn_deg, scale)
     turn[:, 2] += [left, top]
-    seen = cv2.warpAffine(drawn, turn, SIZE, flags=cv2.INTER_AREA, borderValue=255)
+    warped = cv2.warpAffine(board_image, turn, SIZE, flags=cv2.INTER_AREA, borderValue=255)
     return np.repeat(
-        np.clip(cv2.GaussianBlur(seen, (0, 0), blur) * 0.7 + 30, 0, 255).astype(np.uint8)[
+        np.clip(cv2.GaussianBlur(warped, (0, 0), blur) * 0.7 + 30, 0, 255).astype(np.uint8)[
             ..., None
         ],
         3,
@@ -31,7 +31,7 @@ def frame(
     )
 
 
-PLACES = [(0, 0, 16), (170, 0, 16), (0, 110, 16), (170, 110, 16), (80, 50, 28), (90, 60, 16, 40)]
+POSITIONS = [(0, 0, 16), (170, 0, 16), (0, 110, 16), (170, 110, 16), (80, 50, 28), (90, 60, 16, 40)]
 
 
 @pytest.fixture(scope="module")
@@ -42,21 +42,23 @@ def video(tmp_path_factory):
 
     path = tmp_path_factory.mktemp("video") / "board.mp4"
     frames = []
-    for place in PLACES:
+    for position in POSITIONS:
         frames += (
-            [frame(*place, blur=4.0)] * 2 + [frame(*place)] * 4 + [frame(*place, blur=2.5)] * 2
+            [frame(*position, blur=4.0)] * 2
+            + [frame(*position)] * 4
+            + [frame(*position, blur=2.5)] * 2
         )
     encode(path, SIZE, 8.0, iter(frames))
     return path
 
 
 def test_each_view_is_selected_once_and_sharp(video):
-    found = om.select_frames(video, BOARD)
-    used = [d for d in found if d.used]
-    assert len(found) == 2 * len(PLACES)
-    assert sorted(int(d.time_s) for d in used) == list(range(len(PLACES)))
+    detections = om.select_frames(video, BOARD)
+    used = [d for d in detections if d.used]
+    assert len(detections) == 2 * len(POSITIONS)
+    assert sorted(int(d.time_s) for d in used) == list(range(len(POSITIONS)))
     assert all(0.25 <= d.time_s % 1 < 0.75 for d in used)
-    others = [d.reason for d in found if not d.used]
+    others = [d.reason for d in detections if not d.used]
     assert all("is similar to board.mp4 at" in reason or "blurred" in reason for reason in others)
 
 
@@ -70,29 +72,31 @@ def test_most_different_frames_come_first(video):
 
 def test_interrupt_selects_from_partial_results(video):
     def stop(done: int, total: int | None) -> None:
-        assert total == 2 * len(PLACES)
+        assert total == 2 * len(POSITIONS)
         if done == 4:
             raise KeyboardInterrupt
 
-    found = om.select_frames(video, BOARD, on_progress=stop)
-    assert len(found) == 4
-    assert sum(d.used for d in found) == 2
+    detections = om.select_frames(video, BOARD, on_progress=stop)
+    assert len(detections) == 4
+    assert sum(d.used for d in detections) == 2
 
 
 def test_automatic_capture_requires_sharp_new_view():
     """The same views are selected from a video; the fast detection agrees with the thorough one."""
-    taken = [om.find_board(frame(*place), BOARD, name=f"{place}") for place in PLACES[:3]]
-    quick = om.find_board(frame(*PLACES[3]), BOARD, quick=True)
+    captured = [
+        om.find_board(frame(*position), BOARD, name=f"{position}") for position in POSITIONS[:3]
+    ]
+    quick = om.find_board(frame(*POSITIONS[3]), BOARD, quick=True)
     np.testing.assert_array_equal(
-        quick.corners_px, om.find_board(frame(*PLACES[3]), BOARD).corners_px
+        quick.corners_px, om.find_board(frame(*POSITIONS[3]), BOARD).corners_px
     )
-    assert redundancy_reason(quick, taken, BOARD) is None
+    assert redundancy_reason(quick, captured, BOARD) is None
     nearly = om.find_board(frame(2, 1, 16), BOARD)
     assert (
-        redundancy_reason(nearly, taken, BOARD)
-        == f"its view of the board is similar to {PLACES[0]}"
+        redundancy_reason(nearly, captured, BOARD)
+        == f"its view of the board is similar to {POSITIONS[0]}"
     )
-    blurred = om.find_board(frame(*PLACES[4], blur=3.5), BOARD)
-    assert "blurred" in redundancy_reason(blurred, taken, BOARD)
-    nothing = om.find_board(np.full((240, 320), 90, np.uint8), BOARD, quick=True)
-    assert redundancy_reason(nothing, taken, BOARD) == "the image is blank"
+    blurred = om.find_board(frame(*POSITIONS[4], blur=3.5), BOARD)
+    assert "blurred" in redundancy_reason(blurred, captured, BOARD)
+    blank = om.find_board(np.full((240, 320), 90, np.uint8), BOARD, quick=True)
+    assert redundancy_reason(blank, captured, BOARD) == "the image is blank"

@@ -129,13 +129,13 @@ def test_arbitrary_text_is_parsed_or_raises(text):
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "changes",
     [{"optics": "lens"}, {"rim_radius_px": 0.0}, {"rim_radius_px": np.nan}, {"polynomial": ()}],
 )
-def test_invalid_camera_raises(wrong):
+def test_invalid_camera_raises(changes):
     good = {"polynomial": (-100.0,), "centre_px": (5.0, 5.0), "image_size": (11, 11)}
-    with pytest.raises(InvalidParameter, match=next(iter(wrong))):
-        om.OCam(**(good | wrong))
+    with pytest.raises(InvalidParameter, match=next(iter(changes))):
+        om.OCam(**(good | changes))
 
 
 @pytest.mark.parametrize(("optics", "sign"), [("mirror", 1), ("fisheye", -1)])
@@ -152,10 +152,10 @@ def test_rays_equal_ocamcalib(optics, sign):
 
 def test_optics_determines_axis_direction():
     down, up = [0, 0, -1], [0, 0, 1]
-    for optics, seen, unseen in (("mirror", down, up), ("fisheye", up, down)):
+    for optics, visible, hidden in (("mirror", down, up), ("fisheye", up, down)):
         camera = parse_ocam(GOOD, optics=optics)
-        assert camera.project_directions([seen, unseen]).valid.tolist() == [True, False]
-        np.testing.assert_allclose(camera.project_directions([seen]).pixels[0], camera.centre_px)
+        assert camera.project_directions([visible, hidden]).valid.tolist() == [True, False]
+        np.testing.assert_allclose(camera.project_directions([visible]).pixels[0], camera.centre_px)
 
 
 def test_field_ends_at_maximum_angle():
@@ -201,10 +201,10 @@ def test_perspective_reference_image():
     pixels, valid = camera.project_directions(in_camera @ camera.mount.rotation().T)
     assert valid.mean() > 0.4
     maps = np.where(np.isnan(pixels), -10, pixels).astype(np.float32).reshape(height, width, 2)
-    ours = cv2.remap(source, maps, None, cv2.INTER_LINEAR)
-    assert np.abs(ours.astype(float) - reference).mean() <= 0.5
+    image = cv2.remap(source, maps, None, cv2.INTER_LINEAR)
+    assert np.abs(image.astype(float) - reference).mean() <= 0.5
     inside = valid.reshape(height, width)
-    assert np.abs(ours.astype(float) - reference)[inside].mean() <= 0.75
+    assert np.abs(image.astype(float) - reference)[inside].mean() <= 0.75
 
 
 @needs_sample
@@ -227,10 +227,10 @@ def test_panorama_reference_image():
     expected_inside = ((unrolled >= -0.5) & (unrolled <= (1023.5, 767.5))).all(axis=-1)
     np.testing.assert_array_equal(inside, expected_inside)
     np.testing.assert_allclose(pixels[inside], unrolled[inside], atol=1e-9, rtol=0)
-    ours = cv2.remap(
+    image = cv2.remap(
         source, np.where(inside[..., None], pixels, -10).astype(np.float32), None, cv2.INTER_LINEAR
     )
-    assert np.abs(ours.astype(float) - reference).mean() <= 1.0
+    assert np.abs(image.astype(float) - reference).mean() <= 1.0
 
 
 def test_additional_lines_are_ignored():

@@ -24,12 +24,14 @@ def test_pixels_and_derivatives_equal_opencv():
     expected, jacobian = cv2.fisheye.projectPoints(
         points[:, None], np.zeros(3), np.zeros(3), MATRIX, np.array(COEFFICIENTS), alpha=3.0 / 300.0
     )
-    found = CAMERA.image(points)
-    np.testing.assert_allclose(found.pixels, expected[:, 0], atol=1e-9, rtol=0)
+    projection = CAMERA.image(points)
+    np.testing.assert_allclose(projection.pixels, expected[:, 0], atol=1e-9, rtol=0)
     names = [p.name for p in CAMERA.parameters]
     # OpenCV's columns: fx fy, cx cy, k1 to k4, then rotation (3) and translation (3), here those of
     # the points
-    ours = [names.index(name) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")]
+    columns_of_names = [
+        names.index(name) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+    ]
     expected = jacobian.reshape(-1, 2, 15)
     scale = np.abs(expected).max(axis=(0, 1))
     columns = [
@@ -41,9 +43,9 @@ def test_pixels_and_derivatives_equal_opencv():
         6,
         7,
     ]  # OpenCV's fx contains alpha fx; the skew of omnimirror is a separate parameter
-    found_columns = found.d_parameters[:, :, ours][:, :, columns] / scale[columns]
-    np.testing.assert_allclose(found_columns, expected[:, :, columns] / scale[columns], atol=1e-9)
-    np.testing.assert_allclose(found.d_points, expected[:, :, 11:14], rtol=1e-8, atol=1e-8)
+    derivatives = projection.d_parameters[:, :, columns_of_names][:, :, columns] / scale[columns]
+    np.testing.assert_allclose(derivatives, expected[:, :, columns] / scale[columns], atol=1e-9)
+    np.testing.assert_allclose(projection.d_points, expected[:, :, 11:14], rtol=1e-8, atol=1e-8)
 
 
 def test_projection_continues_behind_camera():

@@ -95,25 +95,25 @@ CASES = {
 @pytest.mark.parametrize(("model", "paper", "omega_max"), CASES.values(), ids=CASES)
 @pytest.mark.parametrize("optics", ["mirror", "fisheye"])
 def test_pixels_equal_papers(model, paper, omega_max, optics):
-    """Frames of the papers look ahead; that of a mirror looks back and is not a rotation of the
-    camera frame."""
+    """The axis of the papers points forward. That of a mirror points backward, and its frame is not
+    a rotation of the camera frame."""
     camera, points = model(optics), directions_within(omega_max)
-    found = camera.image(points * [1, 1, -1] if optics == "mirror" else points)
-    assert found.valid.all()
-    np.testing.assert_allclose(found.pixels, paper(points), rtol=1e-11, atol=1e-9)
+    projection = camera.image(points * [1, 1, -1] if optics == "mirror" else points)
+    assert projection.valid.all()
+    np.testing.assert_allclose(projection.pixels, paper(points), rtol=1e-11, atol=1e-9)
 
 
 def test_distant_paraboloid_equals_unified_model():
     """Reflection on ``z = (x^2 - p^2) / 2p`` about its focus: r = p tan(Omega / 2) exactly."""
     p, x = 30.0, np.linspace(0, 60, 40)
-    towards_focus = np.stack(
+    focus_directions = np.stack(
         [x, 0 * x, (x**2 - p**2) / (2 * p)], axis=-1
     )  # from the focus to the mirror points
     camera = Unified(
         xi=1.0, focal_px=(8.0 * p, 8.0 * p), centre_px=(500.0, 500.0), image_size=(1001, 1001)
     )
-    found = camera.image(towards_focus)
-    np.testing.assert_allclose(found.pixels[:, 0] - 500.0, 8.0 * x, atol=1e-9)
+    projection = camera.image(focus_directions)
+    np.testing.assert_allclose(projection.pixels[:, 0] - 500.0, 8.0 * x, atol=1e-9)
 
 
 def test_hyperboloid_sensor_equals_unified_model():
@@ -208,8 +208,8 @@ def test_model_defaults(kind, shape, paper):
     points = directions_within(1.8)
     expected = of_kind(kind, *(paper or shape))[1](points)
     expected[:, 0] -= SKEW * (expected[:, 1] - CENTRE[1]) / FOCAL[1]
-    found = model_of(kind, *shape).image(points * [1, 1, -1])
-    np.testing.assert_allclose(found.pixels, expected, rtol=1e-11, atol=1e-9)
+    projection = model_of(kind, *shape).image(points * [1, 1, -1])
+    np.testing.assert_allclose(projection.pixels, expected, rtol=1e-11, atol=1e-9)
 
 
 @given(st.floats(0, 3), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1))
@@ -226,9 +226,9 @@ def test_distortion_limits_field(xi, k1, k2):
     assert (np.diff(radius) > 0).all()
     pixels = np.stack([1000 + np.linspace(0, 1000, 200), np.full(200, 1000.0)], axis=-1)
     rays = camera.backproject(pixels)
-    again = camera.project_directions(rays.directions[rays.valid])
-    assert again.valid.all()
-    np.testing.assert_allclose(again.pixels, pixels[rays.valid], atol=1e-9)
+    projection = camera.project_directions(rays.directions[rays.valid])
+    assert projection.valid.all()
+    np.testing.assert_allclose(projection.pixels, pixels[rays.valid], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -338,7 +338,7 @@ def test_mirror_ball_is_equal_area():
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "changes",
     [
         {"rim_radius_px": 0.0},
         {"rim_radius_px": np.inf},
@@ -348,15 +348,15 @@ def test_mirror_ball_is_equal_area():
         {"centre_px": (np.nan, 0.0)},
     ],
 )
-def test_invalid_mirror_ball_raises(wrong):
+def test_invalid_mirror_ball_raises(changes):
     good = {
         "centre_px": (5.0, 5.0),
         "rim_radius_px": 5.0,
         "field_deg": 260.0,
         "image_size": (11, 11),
     }
-    with pytest.raises(InvalidParameter, match=next(iter(wrong))):
-        om.MirrorBall(**(good | wrong))
+    with pytest.raises(InvalidParameter, match=next(iter(changes))):
+        om.MirrorBall(**(good | changes))
 
 
 @pytest.mark.parametrize("size", [(0, 5), (5.5, 5), (1_000_000, 5)])

@@ -28,10 +28,10 @@ def test_radius_is_odd_spline():
         np.concatenate([-KNOTS[::-1], [0], KNOTS]), [*np.negative(RADII)[::-1], 0, *RADII]
     )
     omega = np.linspace(0, KNOTS[-1], 200)
-    found = CAMERA.image(
+    projection = CAMERA.image(
         np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1), distant=True
     )
-    np.testing.assert_allclose(found.pixels[:-1, 0] - 320.0, mirrored(omega[:-1]), atol=1e-10)
+    np.testing.assert_allclose(projection.pixels[:-1, 0] - 320.0, mirrored(omega[:-1]), atol=1e-10)
 
 
 def test_viewpoint_is_even_spline():
@@ -49,10 +49,10 @@ def test_points_on_ray_project_to_pixel(distance_mm):
     points = np.stack(
         [0 * omega, distance_mm * np.sin(omega), -heights - distance_mm * np.cos(omega)], axis=-1
     )
-    found = CAMERA.image(points)
-    assert found.valid.all()
+    projection = CAMERA.image(points)
+    assert projection.valid.all()
     np.testing.assert_allclose(
-        found.pixels[:, 1] - 238.0, CAMERA.radius_from_omega(omega), atol=1e-9
+        projection.pixels[:, 1] - 238.0, CAMERA.radius_from_omega(omega), atol=1e-9
     )
 
 
@@ -63,14 +63,15 @@ def test_unbounded_model_is_fitted_within_image(xi, kind):
         xi=xi, focal_px=(200.0, 200.0), centre_px=(320.0, 240.0), image_size=(640, 480)
     )
     m = np.hypot(320.5, 240.5) / 200.0  # of the corner: sin / (cos + xi)
-    shown = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
+    expected = np.degrees(np.arctan(m) + np.arcsin(xi * m / np.hypot(1, m)))
     spline = kind.from_model(camera)
-    assert spline.field_deg / 2 == pytest.approx(shown, abs=0.5)
-    omega = np.radians(np.linspace(0.1, 0.95 * shown, 50))
-    ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
+    assert spline.field_deg / 2 == pytest.approx(expected, abs=0.5)
+    omega = np.radians(np.linspace(0.1, 0.95 * expected, 50))
+    directions = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
     assert (
         np.abs(
-            spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels
+            spline.image(directions, distant=True).pixels
+            - camera.image(directions, distant=True).pixels
         ).max()
         < 0.6
     )
@@ -89,9 +90,12 @@ def test_fitted_spline_has_sufficient_knots(kind):
     for camera, field, more in ((steep, 270.0, True), (even, 120.0, False)):
         spline = kind.from_model(camera, field_deg=field)
         omega = np.radians(np.linspace(0.1, field / 2, 500))
-        ways = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
-        off = spline.image(ways, distant=True).pixels - camera.image(ways, distant=True).pixels
-        assert np.nanmax(np.abs(off)) < 0.5
+        directions = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1)
+        difference = (
+            spline.image(directions, distant=True).pixels
+            - camera.image(directions, distant=True).pixels
+        )
+        assert np.nanmax(np.abs(difference)) < 0.5
         assert (len(spline.radii_px) > 8) == more
         assert len(kind.from_model(camera, 5, field).radii_px) == 5
 
@@ -152,10 +156,10 @@ def test_viewpoint_spline_fits_noncentral_mirror(name):
     rng = np.random.default_rng(4)
     points = rng.normal(size=(2000, 3))
     points *= rng.uniform(200, 1000, (2000, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
-    truth, found = sensor.project(points), camera.project(points)
-    both = truth.valid & found.valid
+    truth, projection = sensor.project(points), camera.project(points)
+    both = truth.valid & projection.valid
     assert both.sum() > 1000
-    errors = np.linalg.norm(truth.pixels - found.pixels, axis=1)[both]
+    errors = np.linalg.norm(truth.pixels - projection.pixels, axis=1)[both]
     flat = replace(camera, viewpoints_mm=(float(heights.mean()),) * 12).project(points)
     central = np.linalg.norm(truth.pixels - flat.pixels, axis=1)[both & flat.valid]
     assert np.sqrt(np.mean(errors**2)) < 0.03
@@ -184,7 +188,7 @@ def test_spline_from_model():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("changes", "message"),
     [
         (
             {"radii_px": (10.0, 20.0)},
@@ -203,6 +207,6 @@ def test_spline_from_model():
         ({"p1": np.nan}, r"p1 must be between -1e\+12 and 1e\+12 1/px; got nan"),
     ],
 )
-def test_invalid_spline_raises(wrong, message):
+def test_invalid_spline_raises(changes, message):
     with pytest.raises(InvalidParameter, match=message):
-        replace(CAMERA, **wrong)
+        replace(CAMERA, **changes)

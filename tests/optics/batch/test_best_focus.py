@@ -53,8 +53,8 @@ def squared_areas(areas: IdealAreas, v):
 )
 def test_best_focus_matches_dense_sampling(mode, bounds):
     areas = areas_with(mode, bounds)
-    everywhere = np.concatenate([areas.vergence_t, areas.vergence_s], axis=1)
-    low, high = everywhere.min(axis=1), everywhere.max(axis=1)
+    vergences = np.concatenate([areas.vergence_t, areas.vergence_s], axis=1)
+    low, high = vergences.min(axis=1), vergences.max(axis=1)
     margin = 0.05 * (high - low)
     ends = [np.clip(x, *bounds)[:, None] for x in (low - margin, high + margin)]
     np.testing.assert_allclose(np.hstack(areas.range), np.hstack(ends), rtol=1e-12)
@@ -78,10 +78,12 @@ def test_derivative_matches_differences(mode):
     expected = squared_areas(areas, v)[:, 0]
     np.testing.assert_allclose(value[:, 0], expected.max(axis=1), rtol=1e-12)
     np.testing.assert_array_equal(angle[:, 0], expected.argmax(axis=1))
-    ahead, behind = (
+    after, before = (
         np.take_along_axis(squared_areas(areas, v + s)[:, 0], angle, axis=1) for s in (step, -step)
     )
-    np.testing.assert_allclose(rate, (ahead - behind) / (2 * step), rtol=1e-6)
-    some = np.array([3, 0, 77])
-    for whole, part in zip(areas.maximum(v), areas.part(some).maximum(v[some]), strict=True):
-        np.testing.assert_array_equal(whole[some], part)
+    np.testing.assert_allclose(rate, (after - before) / (2 * step), rtol=1e-6)
+    selection = np.array([3, 0, 77])
+    for full, part in zip(
+        areas.maximum(v), areas.part(selection).maximum(v[selection]), strict=True
+    ):
+        np.testing.assert_array_equal(full[selection], part)

@@ -148,21 +148,24 @@ class Truth:
         wall = MATERIALS[shell.material].index_d if shell.material else shell.refractive_index
         around = MATERIALS[shell.medium].index_d if shell.medium else shell.medium_index
         before, outer = 1.0, shell.diameter_mm / 2
-        raised = getattr(shell, "inner_shift_mm", 0.0)
+        inner_shift = getattr(shell, "inner_shift_mm", 0.0)
 
-        def met(p, d, centre, radius):
+        def intersection(p, d, centre, radius):
             return (
                 p
                 + brentq(lambda s: np.hypot(*(p + s * d - centre)) - radius, 0, 999, xtol=1e-13) * d
             )
 
-        for radius, lift, behind in ((outer - shell.wall_mm, raised, wall), (outer, 0.0, around)):
+        for radius, shift, behind in (
+            (outer - shell.wall_mm, inner_shift, wall),
+            (outer, 0.0, around),
+        ):
             if isinstance(shell, Tube):
                 p = p + (radius - p[0]) / d[0] * d
                 normal = np.array([1.0, 0.0])
             else:
-                centre = np.array([0.0, shell.centre_mm + lift])
-                p = met(p, d, centre, radius)
+                centre = np.array([0.0, shell.centre_mm + shift])
+                p = intersection(p, d, centre, radius)
                 normal = (p - centre) / radius
             across = before / behind * (d - (d @ normal) * normal)
             d, before = across + np.sqrt(1 - across @ across) * normal, behind
@@ -201,10 +204,10 @@ def chief_and_blur(truth, x, to_imager, edge):
         -0.02 * edge,
         0.02 * edge,
     ):  # rays of the same distant point, close to the chief ray
-        own = brentq(
+        chief = brentq(
             lambda t, at_stop=at_stop: out(t, at_stop)[1] - omega, t - 1e-3, t + 1e-3, xtol=1e-15
         )
-        images.append(from_stop(own, at_stop, to_imager)[1])
+        images.append(from_stop(chief, at_stop, to_imager)[1])
     wide, narrow = (
         from_stop(t, part * edge, to_imager)[0] - from_stop(t, -part * edge, to_imager)[0]
         for part in (1, 0.02)
@@ -236,11 +239,11 @@ def test_columns_match_evaluation(request, kind, wall):
     for i in range(3):
         sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
         x = np.linspace(0, 1, 100) * M
-        seen = x >= sensor.meridian.x_min
-        assert (np.isnan(batch.omega_deg[i]) == ~seen).all()
-        alone = om.evaluate(sensor, x_mm=x[seen], object_distance_mm=600.0)
+        is_visible = x >= sensor.meridian.x_min
+        assert (np.isnan(batch.omega_deg[i]) == ~is_visible).all()
+        single = om.evaluate(sensor, x_mm=x[is_visible], object_distance_mm=600.0)
         for column in BATCH_COLUMNS:
-            expected, found = getattr(alone, column), getattr(batch, column)[i][seen]
+            expected, values = getattr(single, column), getattr(batch, column)[i][is_visible]
             loose = real and column in ("blur_t_px", "blur_s_px", "floored_area_deg2")
             allowed = (
                 {"rtol": 2e-3, "atol": 2e-3}
@@ -248,9 +251,9 @@ def test_columns_match_evaluation(request, kind, wall):
                 else {"rtol": 1e-10, "atol": 1e-11 * np.abs(expected).max()}
             )
             np.testing.assert_allclose(
-                found, expected, **allowed, err_msg=f"{column} of {sensor.name} {i}"
+                values, expected, **allowed, err_msg=f"{column} of {sensor.name} {i}"
             )
-        best = om.best_focus(sensor, omega_deg=alone.omega_deg, object_distance_mm=600.0)
+        best = om.best_focus(sensor, omega_deg=single.omega_deg, object_distance_mm=600.0)
         assert batch.worst_floored_area_deg2[i] <= best.value * (1 + (5e-3 if real else 1e-9))
 
 
@@ -259,8 +262,8 @@ def test_window_field_in_batch():
     shape = family("even-polynomial", 1)
     designs = Designs(shape, [[0.2]], 180.0, 28.0, 11.6, 4.0, 5.2, housing=Housing(shell=shell))
     batch = evaluate_designs(designs)
-    alone = om.evaluate(designs.sensor(0, IMAGER, batch.focus_mm[0]), x_mm=np.linspace(0, 28, 100))
-    np.testing.assert_allclose(batch.blur_t_px[0], alone.blur_t_px, atol=1e-9)
+    single = om.evaluate(designs.sensor(0, IMAGER, batch.focus_mm[0]), x_mm=np.linspace(0, 28, 100))
+    np.testing.assert_allclose(batch.blur_t_px[0], single.blur_t_px, atol=1e-9)
     steep = Designs(shape, [[0.8]], 180.0, 28.0, 11.6, 4.0, 5.2, housing=Housing(shell=shell))
     assert not evaluate_designs(steep).valid[0]
 
@@ -280,9 +283,9 @@ def test_compiled_evaluator_matches_numpy(request, kind, wall):
     assert (a.valid == b.valid).all()
     np.testing.assert_allclose(a.focus_mm, b.focus_mm, rtol=1e-9)
     for column in BATCH_COLUMNS:
-        found, expected = getattr(a, column), getattr(b, column)
+        values, expected = getattr(a, column), getattr(b, column)
         scale = np.nanmax(np.abs(expected))
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10 * scale, err_msg=column)
+        np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-10 * scale, err_msg=column)
 
 
 # -- invalid designs
@@ -298,14 +301,14 @@ def test_invalid_designs_beyond_field_or_wall(triplet, native):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"shell": Tube(tilt_x_deg=1.0)}, "the tube must be aligned"),
         ({"mode": "paper"}, "mode = 'paper'"),
         ({"magnification": 0.1}, "a lens given by its field requires"),
     ],
 )
-def test_unsupported_batch_options_rejected(table, options, said):
+def test_unsupported_batch_options_rejected(table, options, message):
     options = options if "shell" in options else options | {"lens": table}
-    with pytest.raises(InvalidParameter, match=said):
+    with pytest.raises(InvalidParameter, match=message):
         designs_with(1, **options)

@@ -53,7 +53,7 @@ def test_columns_match_evaluation(name, mode, radius, distance):
     assert batch.valid.sum() >= 6
     for i in np.flatnonzero(batch.valid)[:4]:
         sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
-        alone = om.evaluate(
+        single = om.evaluate(
             sensor,
             x_mm=np.linspace(0, 1, 100) * M,
             mode=mode,
@@ -61,7 +61,7 @@ def test_columns_match_evaluation(name, mode, radius, distance):
             object_distance_mm=distance,
         )
         for column in BATCH_COLUMNS:
-            expected = getattr(alone, column)
+            expected = getattr(single, column)
             np.testing.assert_allclose(
                 getattr(batch, column)[i],
                 expected,
@@ -70,7 +70,7 @@ def test_columns_match_evaluation(name, mode, radius, distance):
                 err_msg=column,
             )
         assert batch.worst_floored_area_deg2[i] == pytest.approx(
-            alone.floored_area_deg2.max(), rel=1e-10
+            single.floored_area_deg2.max(), rel=1e-10
         )
 
 
@@ -85,14 +85,14 @@ def test_telecentric_columns_match_evaluation(name, radius):
     for i in np.flatnonzero(batch.valid)[:4]:
         sensor = designs.sensor(i, IMAGER, batch.focus_mm[i])
         assert sensor.lens.KIND == "orthographic"
-        alone = om.evaluate(
+        single = om.evaluate(
             sensor,
             x_mm=np.linspace(0, 1, 100) * M,
             image_radius_px=radius,
             object_distance_mm=400.0,
         )
         for column in BATCH_COLUMNS:
-            expected = getattr(alone, column)
+            expected = getattr(single, column)
             np.testing.assert_allclose(
                 getattr(batch, column)[i],
                 expected,
@@ -248,18 +248,18 @@ def test_invalid_designs_marked():
         ]
     with pytest.raises(NotOneToOne, match=r"less than 35.58"):
         om.evaluate(designs.sensor(1, IMAGER, 200.0))
-    for i, sentence in (
+    for i, message in (
         (2, "must increase away from the axis"),
         (3, "less than 31.29"),
     ):
-        with pytest.raises(OmnimirrorError, match=sentence):
+        with pytest.raises(OmnimirrorError, match=message):
             om.evaluate(designs.sensor(i, IMAGER, 200.0))
 
 
 def test_angles_below_minimum_excluded_from_focus():
     near, far = (
-        evaluate_designs(sphere_like("slope-spline", 20, 3, min_omega_deg=least))
-        for least in (0.0, 60.0)
+        evaluate_designs(sphere_like("slope-spline", 20, 3, min_omega_deg=minimum_deg))
+        for minimum_deg in (0.0, 60.0)
     )
     both = near.valid & far.valid
     assert (

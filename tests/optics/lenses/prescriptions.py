@@ -71,10 +71,10 @@ def zmx(stop=STOP, radii=RADII, gaps=GAPS, glasses=GLASSES, head="", per_surface
 # -- rays ------------------------------------------------------------------------------------------------------
 
 
-def through(start, towards, n, to_imager, radii=RADII, gaps=GAPS, stop=STOP):
+def through(start, direction, n, to_imager, radii=RADII, gaps=GAPS, stop=STOP):
     """Trace one ray to stop and imager, (2,) and (2,): spheres by their centres, Snell's law by
     tangential components."""
-    p, d = np.array(start, float), np.array(towards, float) / np.linalg.norm(towards)
+    p, d = np.array(start, float), np.array(direction, float) / np.linalg.norm(direction)
     vertex, at_stop = 0.0, None
     for i, radius in enumerate(radii):
         centre = np.array([0.0, 0.0, vertex + radius])
@@ -98,7 +98,7 @@ def imager_place(n, focus=FOCUS, radii=RADII, gaps=GAPS):
     return ends[0] / (ends[0] - ends[1])
 
 
-def off_sphere(omega, azimuth, at, radius, distance):
+def point_of_sphere(omega, azimuth, at, radius, distance):
     """Reflect a ray from infinity at field angle omega on a ball at (x, y); in the lens frame, s
     from its vertex."""
     x, y = at
@@ -119,12 +119,12 @@ def image_of_direction(omega, stop_at, n, radius, distance, to_imager):
     """Return the upright image point (2,) mm of the ray from a distant object through a point of
     the stop."""
 
-    def landed(at):
-        return through(*off_sphere(omega, 0.0, at, radius, distance), n, to_imager)
+    def deviation(at):
+        return through(*point_of_sphere(omega, 0.0, at, radius, distance), n, to_imager)
 
     def passing(x):
         """Return the height in a plane within the lens, without the glass."""
-        p, d = off_sphere(omega, 0.0, (x, 0.0), radius, distance)
+        p, d = point_of_sphere(omega, 0.0, (x, 0.0), radius, distance)
         return (p + (2.5 - p[2]) / d[2] * d)[0]
 
     # the mirror slope is half of the angle between object and lens, whose viewing angle is within
@@ -134,8 +134,9 @@ def image_of_direction(omega, stop_at, n, radius, distance, to_imager):
     at, step = np.array([near, 0.0]), 1e-6
     for _ in range(8):  # Newton's method with slopes by differences
         slopes = [
-            (landed(at + step * e)[0] - landed(at - step * e)[0]) / (2 * step) for e in np.eye(2)
+            (deviation(at + step * e)[0] - deviation(at - step * e)[0]) / (2 * step)
+            for e in np.eye(2)
         ]
-        at = at - np.linalg.solve(np.transpose(slopes), landed(at)[0] - stop_at)
-    assert np.abs(landed(at)[0] - stop_at).max() < 1e-10
-    return -landed(at)[1]
+        at = at - np.linalg.solve(np.transpose(slopes), deviation(at)[0] - stop_at)
+    assert np.abs(deviation(at)[0] - stop_at).max() < 1e-10
+    return -deviation(at)[1]

@@ -37,7 +37,7 @@ from tests.everyday import few
 BARREL = {"k1": -1.5, "k2": 2.0, "k3": -0.3}
 TANGENTIAL = {**BARREL, "p1": 0.01, "p2": -0.008}
 LENSES = pytest.mark.parametrize("terms", [BARREL, TANGENTIAL], ids=["radial", "tangential"])
-MISPLACED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
+MISALIGNED_POSE = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)
 
 
 def sensor_with(
@@ -61,17 +61,17 @@ def opencv(terms) -> np.ndarray:
 def test_distortion_matches_opencv(terms, monkeypatch):
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (500, 2))
     brown = tuple(terms.get(n, 0.0) for n in ("k1", "k2", "k3", "p1", "p2"))
-    theirs = cv2.projectPoints(
+    expected = cv2.projectPoints(
         np.c_[ideal, np.ones(500)], np.zeros(3), np.zeros(3), np.eye(3), opencv(terms)
     )[0][:, 0]
-    np.testing.assert_allclose(distorted(ideal, brown), theirs, atol=1e-14)
-    np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
-    image = theirs.reshape(20, 25, 2)
+    np.testing.assert_allclose(distorted(ideal, brown), expected, atol=1e-14)
+    np.testing.assert_allclose(undistorted(expected, brown), ideal, atol=1e-12)
+    image = expected.reshape(20, 25, 2)
     np.testing.assert_allclose(undistorted(image, brown).reshape(-1, 2), ideal, atol=1e-12)
     np.testing.assert_array_equal(distorted(ideal.reshape(20, 25, 2), brown).shape, image.shape)
     np.testing.assert_array_equal(undistorted(np.zeros((1, 2)), brown), [[0.0, 0.0]])
     monkeypatch.setattr(distortion, "MAX_STEPS", 5)  # the convergence is quadratic
-    np.testing.assert_allclose(undistorted(theirs, brown), ideal, atol=1e-12)
+    np.testing.assert_allclose(undistorted(expected, brown), ideal, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["p1", "p2"])
@@ -99,7 +99,7 @@ def test_image_points_without_ideal_point_are_nan():
 def test_distortion_rates_match_differences():
     ideal = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 2))
     brown, step = np.array([-0.3, 0.2, -0.1, 0.01, -0.008]), 1e-6
-    there, by_ideal, by_coefficients = distorted_rates(ideal, tuple(brown))
+    pixels, by_ideal, by_coefficients = distorted_rates(ideal, tuple(brown))
     area = shrinkage(ideal, tuple(brown)) * np.linalg.det(by_ideal)
     np.testing.assert_allclose(area, 1.0, rtol=1e-12)
     r, (k1, k2, k3) = np.linspace(0.0, 1.2, 7), brown[:3]
@@ -107,7 +107,7 @@ def test_distortion_rates_match_differences():
     np.testing.assert_allclose(
         distorted_radius(r, (k1, k2, k3)), [radial(r), radial.deriv()(r)], rtol=1e-12
     )
-    np.testing.assert_array_equal(there, distorted(ideal, tuple(brown)))
+    np.testing.assert_array_equal(pixels, distorted(ideal, tuple(brown)))
     for k, e in enumerate(step * np.eye(2)):
         differences = (distorted(ideal + e, tuple(brown)) - distorted(ideal - e, tuple(brown))) / (
             2 * step
@@ -131,26 +131,28 @@ def test_distortion_round_trip_up_to_fold(k1, k2, k3, share):
 
 
 @LENSES
-@pytest.mark.parametrize("pose", [MirrorPose(), MISPLACED], ids=["aligned", "misplaced"])
+@pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED_POSE], ids=["aligned", "misplaced"])
 def test_distorted_pixels_match_opencv(terms, pose):
     """The sensor without distortion, followed by OpenCV's distortPoints."""
-    plain, bent = sensor_with(pose=pose), sensor_with(pose=pose, **terms)
-    b, pitch = plain.lens.image_distance, plain.imager.pitch_mm
+    ideal_sensor, distorted_sensor = sensor_with(pose=pose), sensor_with(pose=pose, **terms)
+    b, pitch = ideal_sensor.lens.image_distance, ideal_sensor.imager.pitch_mm
     camera = np.array([[b / pitch, 0, 511.5], [0, b / pitch, 511.5], [0, 0, 1]])
     points = np.random.default_rng(1).normal(0, 800, (300, 3))
-    for ask in ("project", "project_directions"):
-        (before, seen), (after, valid) = (getattr(s, ask)(points) for s in (plain, bent))
-        both = seen & valid
+    for method in ("project", "project_directions"):
+        (before, is_valid), (after, valid) = (
+            getattr(s, method)(points) for s in (ideal_sensor, distorted_sensor)
+        )
+        both = is_valid & valid
         assert both.sum() > 100
         ideal = np.c_[(before[both] - 511.5) * pitch / b, np.ones(both.sum())]
         expected = cv2.projectPoints(ideal, np.zeros(3), np.zeros(3), camera, opencv(terms))[0][
             :, 0
         ]
         np.testing.assert_allclose(after[both], expected, atol=1e-8)
-    _, directions, valid = bent.backproject(after[both])
+    _, directions, valid = distorted_sensor.backproject(after[both])
     assert valid.all()
-    towards = points[both] / np.linalg.norm(points[both], axis=1, keepdims=True)
-    np.testing.assert_allclose(directions, towards, atol=1e-9)
+    unit_directions = points[both] / np.linalg.norm(points[both], axis=1, keepdims=True)
+    np.testing.assert_allclose(directions, unit_directions, atol=1e-9)
 
 
 @pytest.mark.full
@@ -165,11 +167,14 @@ def test_characteristics_include_distortion():
     )
     assert om.check_blur(sensor, [4.0]).max_abs("edge_t_px").max() < 0.002
     assert om.check_blur(sensor, [4.0]).max_abs("edge_s_px").max() < 0.002
-    bent, plain = (om.mtf(s, omega, pixel=False) for s in (sensor, sensor_with()))
+    distorted_mtf, ideal_mtf = (om.mtf(s, omega, pixel=False) for s in (sensor, sensor_with()))
     for i in range(len(omega)):  # object resolution is unchanged, independent of the image scale
-        finest = min(m.cycles_per_deg_t[i, -1] for m in (bent, plain))
+        finest = min(m.cycles_per_deg_t[i, -1] for m in (distorted_mtf, ideal_mtf))
         frequency = np.linspace(0, finest, 50)
-        a, b = (np.interp(frequency, m.cycles_per_deg_t[i], m.tangential[i]) for m in (bent, plain))
+        a, b = (
+            np.interp(frequency, m.cycles_per_deg_t[i], m.tangential[i])
+            for m in (distorted_mtf, ideal_mtf)
+        )
         np.testing.assert_allclose(a, b, atol=0.005)
 
 
@@ -181,7 +186,7 @@ def _direction(omega_deg):
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing was compiled here")
 @LENSES
 @pytest.mark.parametrize(
-    "pose", few([MirrorPose(), MISPLACED], MISPLACED), ids=["aligned", "misplaced"]
+    "pose", few([MirrorPose(), MISALIGNED_POSE], MISALIGNED_POSE), ids=["aligned", "misplaced"]
 )
 def test_compiled_rays_match_double_precision(terms, pose):
     sensor = sensor_with(pixels=100, pose=pose, **terms)
@@ -192,11 +197,11 @@ def test_compiled_rays_match_double_precision(terms, pose):
         for f in (rays._trace_natively, rays._trace_sensor)
     )
     assert np.mean(fast.outcome != slow.outcome) < 1e-4
-    seen = (fast.outcome == slow.outcome) & (slow.outcome == rays.REFLECTED)
-    np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-5)
-    np.testing.assert_allclose(fast.origins[seen], slow.origins[seen], atol=2e-4)
+    is_valid = (fast.outcome == slow.outcome) & (slow.outcome == rays.REFLECTED)
+    np.testing.assert_allclose(fast.weight[is_valid], slow.weight[is_valid], atol=1e-5)
+    np.testing.assert_allclose(fast.origins[is_valid], slow.origins[is_valid], atol=2e-4)
     a, b = (
-        d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True)
+        d[is_valid] / np.linalg.norm(d[is_valid], axis=-1, keepdims=True)
         for d in (fast.directions, slow.directions)
     )
     assert np.abs(a - b).max() < 2e-5
@@ -250,7 +255,7 @@ def test_folding_distortion_rejected():
         sensor.backproject([[511.5, 511.5]])
     with pytest.raises(InvalidParameter, match="the image folds over"):
         expose(
-            replace(sensor, mirror_pose=MISPLACED),
+            replace(sensor, mirror_pose=MISALIGNED_POSE),
             Environment(np.ones((4, 8, 3), np.float32)),
             samples=1,
         )
@@ -267,14 +272,14 @@ def test_radii_beyond_fold_are_nan():
     polynomial below."""
     k, radii = (-0.3, 0.0, 0.0), np.array([0.0, 0.1, 0.5, 0.7, 0.71, 5.0])
     assert fold(k) == pytest.approx(1 / np.sqrt(0.9), rel=1e-9)
-    found = undistorted_radius(radii, k)
-    for radius, r in zip(radii, found, strict=True):
+    inverse = undistorted_radius(radii, k)
+    for radius, r in zip(radii, inverse, strict=True):
         roots = np.roots([-0.3, 0.0, 1.0, -radius])
         real = [
             root.real for root in roots if abs(root.imag) < 1e-9 and -1e-12 <= root.real <= 1.06
         ]
         assert np.isnan(r) if not real else r == pytest.approx(min(real), abs=1e-9)
-    assert np.isnan(found).tolist() == [False] * 4 + [True] * 2
+    assert np.isnan(inverse).tolist() == [False] * 4 + [True] * 2
     np.testing.assert_allclose(
         undistorted_radius(np.array([5.0]) * (1 + 0.2 * 25), (0.2, 0.0, 0.0)), [5.0], rtol=1e-9
     )
@@ -304,7 +309,7 @@ def test_fold_is_the_first_maximum():
         ((-0.1, 0.8, -0.8), 7),  # fold at its upper end
     ],
 )
-def test_radii_are_inverted_in_few_steps(k, steps, monkeypatch):
+def test_radii_are_inverted_within_a_number_of_steps(k, steps, monkeypatch):
     monkeypatch.setattr(distortion, "MAX_STEPS", steps)
     r = np.linspace(0.0, 0.95 * min(fold(k), 3.0), 300)
     np.testing.assert_allclose(undistorted_radius(distorted_radius(r, k)[0], k), r, rtol=1e-9)

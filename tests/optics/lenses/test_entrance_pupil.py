@@ -63,10 +63,10 @@ def unit(v):
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
-def reflected(start, towards, vertex):
+def reflected(start, direction, vertex):
     """Return intersections and directions of rays reflected by the sphere of radius A with its
     vertex at ``vertex``."""
-    d, centre = unit(towards), vertex + np.array([0.0, 0.0, A])
+    d, centre = unit(direction), vertex + np.array([0.0, 0.0, A])
     to = start - centre
     along = (to * d).sum(-1)
     t = -along - np.sqrt(along**2 - (to**2).sum(-1) + A**2)
@@ -149,12 +149,12 @@ def test_projection_round_trip(pair, pose):
     pixels, _ = pixels_and_pupil(sensor)
     points, directions = truth(pair, sensor, pixels, np.zeros((1, 2)))
     to_world = sensor.mount.rotation().T
-    for found in (
+    for projection in (
         sensor.project((points + 90.0 * directions) @ to_world),
         sensor.project_directions(directions @ to_world),
     ):
-        assert found.valid.sum() > 50
-        assert np.abs((found.pixels - pixels)[found.valid]).max() < 1e-7
+        assert projection.valid.sum() > 50
+        assert np.abs((projection.pixels - pixels)[projection.valid]).max() < 1e-7
 
 
 def test_blur_matches_thin_bundles(pair):
@@ -162,8 +162,8 @@ def test_blur_matches_thin_bundles(pair):
     sensor = sensor_of(pair, f_number=100.0)
     h = np.array([50.0, 200.0, 350.0])
     pixels = 511.5 + np.stack([h, 0 * h], axis=1)
-    found = om.evaluate(sensor, h_px=h)
-    for edge, blur in (([1.0, 0.0], found.blur_t_deg), ([0.0, 1.0], found.blur_s_deg)):
+    evaluation = om.evaluate(sensor, h_px=h)
+    for edge, blur in (([1.0, 0.0], evaluation.blur_t_deg), ([0.0, 1.0], evaluation.blur_s_deg)):
         ends = [truth(pair, sensor, pixels, s * np.array([edge]))[1] for s in (1, -1)]
         apart = np.degrees(np.linalg.norm(np.cross(*ends), axis=1))
         # angle on the sky across the meridian, in the convention of the evaluation: per degree of
@@ -172,13 +172,13 @@ def test_blur_matches_thin_bundles(pair):
 
 
 def test_rendered_rays_start_at_entrance_pupil(pair):
-    """Compiled and NumPy, through the whole aperture."""
+    """Compiled and NumPy rays pass the full aperture."""
     sensor = sensor_of(pair)
     plan, part = sampling_plan(8, True), (slice(300, 302), slice(200, 240))
-    ours, plain = (f(sensor, plan, Radiometry(), *part) for f in (_trace_natively, _trace_sensor))
-    assert (ours.outcome == plain.outcome).all()
-    assert np.abs(unit(ours.directions) - unit(plain.directions)).max() < 1e-5
-    assert np.abs(ours.origins - plain.origins).max() < 1e-3
+    native, plain = (f(sensor, plan, Radiometry(), *part) for f in (_trace_natively, _trace_sensor))
+    assert (native.outcome == plain.outcome).all()
+    assert np.abs(unit(native.directions) - unit(plain.directions)).max() < 1e-5
+    assert np.abs(native.origins - plain.origins).max() < 1e-3
 
 
 def test_depth_of_field_at_one_pixel_blur(pair):
@@ -188,15 +188,15 @@ def test_depth_of_field_at_one_pixel_blur(pair):
 
 
 def test_spots_match_blur(pair):
-    found = om.check_blur(sensor_of(pair), [50.0], omega_deg=[20.0, 60.0, 90.0])
-    assert found.max_abs("edge_t_px")[0] < 1e-4
-    assert found.max_abs("edge_s_px")[0] < 1e-4
+    check = om.check_blur(sensor_of(pair), [50.0], omega_deg=[20.0, 60.0, 90.0])
+    assert check.max_abs("edge_t_px")[0] < 1e-4
+    assert check.max_abs("edge_s_px")[0] < 1e-4
 
 
 def test_distance_reference_point_matters():
     """The same mirror distance, from the principal point and from a pupil 5 mm before it.
 
-    A displaced pupil alone hardly changes the image: the scale of focused objects does not depend
+    A displaced pupil alone scarcely changes the image: the scale of focused objects does not depend
     on it.
     """
     sensor = om.load_sensor("paper-spherical")
@@ -216,10 +216,10 @@ def test_exported_lens_files_use_pupil(pair, tmp_path):
     """Its distance from the mirror is that of the pupil, with the same image points and focal
     plane."""
     sensor = sensor_of(pair)
-    [found] = om.export(sensor, tmp_path, formats=["zmx"])
-    lines = [line.split() for line in found.path.read_text(encoding="utf-16").splitlines()]
-    to_lens, to_mirror = [float(words[1]) for words in lines if words[0] == "DISZ"][:2]
-    focal = next(float(words[2]) for words in lines if words[:2] == ["PARM", "1"])
+    [export] = om.export(sensor, tmp_path, formats=["zmx"])
+    lines = [line.split() for line in export.path.read_text(encoding="utf-16").splitlines()]
+    to_lens, to_mirror = [float(fields[1]) for fields in lines if fields[0] == "DISZ"][:2]
+    focal = next(float(fields[2]) for fields in lines if fields[:2] == ["PARM", "1"])
     imager = 1 / (1 / pair.focal - 1 / FOCUS) + pair.principal_behind
     _, slope = pair.out(
         np.array([[1.0, 0.0]]), np.zeros((1, 2)), imager
@@ -237,15 +237,15 @@ def test_entrance_pupil_in_sensor_files():
 
 
 @pytest.mark.parametrize(
-    ("pupil", "distance", "sentence"),
+    ("pupil", "distance", "message"),
     [
         (300.0, 180.0, "the position of the entrance pupil"),
         (190.0, 180.0, "mirror_distance_mm must be greater than"),
     ],
 )
-def test_invalid_pupil_positions_rejected(pupil, distance, sentence):
+def test_invalid_pupil_positions_rejected(pupil, distance, message):
     sensor = om.load_sensor("paper-spherical")
-    with pytest.raises(InvalidParameter, match=sentence):
+    with pytest.raises(InvalidParameter, match=message):
         om.evaluate(
             replace(
                 sensor,

@@ -19,7 +19,7 @@ from omnimirror.simulation.pixel_rays import sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import trace_bundle
 from tests.commands import omnimirror
-from tests.optics.lenses import prescriptions as own
+from tests.optics.lenses import prescriptions
 
 A, RIM, M = 50.0, 44.0, 182.0
 PITCH = 5.2e-3
@@ -29,12 +29,12 @@ OMEGA = np.array([0.0, 20.0, 45.0, 70.0, 90.0, 110.0, 130.0])
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
     path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
-    path.write_text(own.zmx(), encoding="utf-16")
+    path.write_text(prescriptions.zmx(), encoding="utf-16")
     return path
 
 
 def lens_of(path, **more):
-    return SurfaceLens.from_file(path, **{"focus_distance_mm": own.FOCUS, **more})
+    return SurfaceLens.from_file(path, **{"focus_distance_mm": prescriptions.FOCUS, **more})
 
 
 def sensor_with(lens, pose=None):
@@ -54,11 +54,11 @@ def sensor(file):
 
 
 def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
-    n = own.indices(wavelength_um)
-    to_imager = own.imager_place(own.indices())
+    n = prescriptions.indices(wavelength_um)
+    to_imager = prescriptions.imager_place(prescriptions.indices())
     return np.array(
         [
-            own.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager)
+            prescriptions.image_of_direction(np.radians(o), np.array(stop_at), n, A, M, to_imager)
             for o in np.atleast_1d(omega_deg)
         ]
     )
@@ -66,8 +66,8 @@ def truth(omega_deg, stop_at=(0.0, 0.0), wavelength_um=0.5875618):
 
 def test_chief_rays_match_sequential_trace(sensor):
     """Within 0.001 px, from the axis to the rim."""
-    found = om.evaluate(sensor, OMEGA).h_px
-    assert np.abs(found - truth(OMEGA)[:, 0] / PITCH).max() < 1e-3
+    h_px = om.evaluate(sensor, OMEGA).h_px
+    assert np.abs(h_px - truth(OMEGA)[:, 0] / PITCH).max() < 1e-3
     rate = (truth(90.001)[0, 0] - truth(89.999)[0, 0]) / PITCH / 0.002
     assert om.evaluate(sensor, [90.0]).dh_domega_px_per_deg[0] == pytest.approx(rate, rel=1e-5)
 
@@ -75,11 +75,11 @@ def test_chief_rays_match_sequential_trace(sensor):
 def test_imager_and_stop_of_lens(sensor):
     """The imager behind all surfaces; positions in the stop relative to its radius, and direction
     cosines on the imager, of rays from the mirror."""
-    lens, n = sensor.lens, own.indices()
-    to_imager = own.imager_place(n)
-    assert lens.imager_mm == pytest.approx(own.GAPS[:-1].sum() + to_imager, abs=1e-6)
-    edge = [lens.aperture_radius, 0.0, own.FOCUS - lens.pupil.at_mm]
-    radius = own.through([0, 0, -own.FOCUS], edge, n, to_imager)[0][0]
+    lens, n = sensor.lens, prescriptions.indices()
+    to_imager = prescriptions.imager_place(n)
+    assert lens.imager_mm == pytest.approx(prescriptions.GAPS[:-1].sum() + to_imager, abs=1e-6)
+    edge = [lens.aperture_radius, 0.0, prescriptions.FOCUS - lens.pupil.at_mm]
+    radius = prescriptions.through([0, 0, -prescriptions.FOCUS], edge, n, to_imager)[0][0]
     assert radius > 0  # upright
     rng = np.random.default_rng(4)
     aims = np.concatenate([rng.uniform(-0.2, 0.2, (2, 3, 2)), np.ones((2, 3, 1))], axis=2)
@@ -90,27 +90,27 @@ def test_imager_and_stop_of_lens(sensor):
     images = lens.image_of(points, directions)
     assert at_stop.shape == cosines.shape == images.shape == (2, 3, 2)
     for k in np.ndindex(2, 3):
-        start, towards = points[k] * [1, 1, -1], -directions[k] * [1, 1, -1]
-        stop, landed = own.through(start, towards, n, to_imager)
-        further = own.through(start, towards, n, to_imager + 1.0)[1] - landed
+        start, direction = points[k] * [1, 1, -1], -directions[k] * [1, 1, -1]
+        stop, image = prescriptions.through(start, direction, n, to_imager)
+        further = prescriptions.through(start, direction, n, to_imager + 1.0)[1] - image
         np.testing.assert_allclose(at_stop[k], stop / radius, rtol=1e-6)
-        np.testing.assert_allclose(images[k], -landed, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(images[k], -image, rtol=1e-6, atol=1e-6)
         expected = -further / np.sqrt(1 + further @ further)
         np.testing.assert_allclose(cosines[k], expected, rtol=1e-6, atol=1e-9)
 
 
 def test_pupil_motion_included(sensor):
     """Precondition of the preceding test."""
-    places = sensor.lens.field.nodes.pupil
-    assert np.ptp(places) > 0.1
+    pupils = sensor.lens.field.nodes.pupil
+    assert np.ptp(pupils) > 0.1
     fixed = replace(
         om.load_sensor("paper-spherical").lens,
         focal_length_mm=sensor.lens.focal_length_mm,
-        focus_distance_mm=own.FOCUS - sensor.lens.principal_point_mm,
+        focus_distance_mm=prescriptions.FOCUS - sensor.lens.principal_point_mm,
         entrance_pupil_mm=sensor.lens.pupil_from_principal,
     )
-    still = replace(sensor, lens=fixed, mirror_distance_mm=M - sensor.lens.principal_point_mm)
-    away = om.evaluate(still, OMEGA).h_px - om.evaluate(sensor, OMEGA).h_px
+    fixed_pupil = replace(sensor, lens=fixed, mirror_distance_mm=M - sensor.lens.principal_point_mm)
+    away = om.evaluate(fixed_pupil, OMEGA).h_px - om.evaluate(sensor, OMEGA).h_px
     assert 0.05 < np.abs(away).max() < 3
 
 
@@ -118,13 +118,15 @@ def test_blur_matches_bundles_through_glass(file):
     """Tangential and sagittal, by rays through the edges of a stop of F/400 without spherical
     aberration."""
     sensor = sensor_with(lens_of(file, f_number=400.0))
-    found = om.evaluate(sensor, OMEGA[1:])
+    evaluation = om.evaluate(sensor, OMEGA[1:])
     # stop radius, from a ray to the edge of the entrance pupil, traced here
     edge = sensor.lens.focal_length_mm / 800.0
     pupil = sensor.lens.pupil.at_mm
-    towards = np.array([edge, 0.0, own.FOCUS - pupil])
-    r = own.through([0, 0, -own.FOCUS], towards, own.indices(), 0.0)[0][0]
-    for axis, blur in ((0, found.blur_t_px), (1, found.blur_s_px)):
+    direction = np.array([edge, 0.0, prescriptions.FOCUS - pupil])
+    r = prescriptions.through(
+        [0, 0, -prescriptions.FOCUS], direction, prescriptions.indices(), 0.0
+    )[0][0]
+    for axis, blur in ((0, evaluation.blur_t_px), (1, evaluation.blur_s_px)):
         ends = [truth(OMEGA[1:], np.eye(2)[axis] * s * r)[:, axis] for s in (1, -1)]
         assert np.abs(blur) == pytest.approx(np.abs(ends[0] - ends[1]) / PITCH, rel=1e-3, abs=1e-5)
 
@@ -132,7 +134,12 @@ def test_blur_matches_bundles_through_glass(file):
 def test_spots_match_rays_through_stop(sensor):
     """At F/4: combined aberrations of lens and mirror, within 5 % of their size."""
     edge, pupil = sensor.lens.aperture_radius, sensor.lens.pupil.at_mm
-    r = own.through([0, 0, -own.FOCUS], [edge, 0.0, own.FOCUS - pupil], own.indices(), 0.0)[0][0]
+    r = prescriptions.through(
+        [0, 0, -prescriptions.FOCUS],
+        [edge, 0.0, prescriptions.FOCUS - pupil],
+        prescriptions.indices(),
+        0.0,
+    )[0][0]
     rings = [
         (np.sqrt((i + 0.5) / 8), t)
         for i in range(8)
@@ -147,8 +154,8 @@ def test_spots_match_rays_through_stop(sensor):
 
 def test_three_wavelength_indices(sensor):
     """Lateral colour in the field functions."""
-    found = om.evaluate(sensor, OMEGA[1:])
-    theta = np.tan(np.radians(found.theta_deg))
+    evaluation = om.evaluate(sensor, OMEGA[1:])
+    theta = np.tan(np.radians(evaluation.theta_deg))
     for name, wave in (("short", 0.4861327), ("long", 0.6562725)):
         # the same object and pupil in another colour; the angle of its chief ray differs slightly
         away = sensor.lens.field.odd(theta)[name]
@@ -163,10 +170,10 @@ def test_rays_at_other_wavelength(sensor, nm):
     colour = om.at_wavelength(sensor, nm)
     assert colour.lens.imager_mm == pytest.approx(sensor.lens.imager_mm, abs=1e-9)
     assert colour.lens.aperture_radius == pytest.approx(sensor.lens.aperture_radius, rel=1e-12)
-    found = om.evaluate(colour, OMEGA).h_px
-    wanted = truth(OMEGA, wavelength_um=nm / 1e3)[:, 0] / PITCH
-    assert np.abs(found - wanted).max() < 5e-4
-    assert np.abs(wanted - om.evaluate(sensor, OMEGA).h_px).max() > 0.01
+    h_px = om.evaluate(colour, OMEGA).h_px
+    expected = truth(OMEGA, wavelength_um=nm / 1e3)[:, 0] / PITCH
+    assert np.abs(h_px - expected).max() < 5e-4
+    assert np.abs(expected - om.evaluate(sensor, OMEGA).h_px).max() > 0.01
 
 
 @pytest.mark.parametrize(
@@ -179,11 +186,11 @@ def test_pixel_round_trip_and_apertures(file, pose):
     pixels = 511.5 + (r * np.stack([np.cos(turn), np.sin(turn)])).T
     rays = sensor.backproject(pixels)
     assert rays.valid.all()
-    for found in (
+    for projection in (
         sensor.project(rays.origins + 120.0 * rays.directions),
         sensor.project_directions(rays.directions),
     ):
-        assert np.abs(found.pixels - pixels).max() < 1e-3
+        assert np.abs(projection.pixels - pixels).max() < 1e-3
     chief = sensor.aperture_rays(pixels, np.zeros(2))
     assert np.abs(np.degrees(chief.directions - rays.directions)).max() < 2e-4
 
@@ -196,24 +203,27 @@ def test_rendered_rays_reach_their_pixels(sensor):
     rng = np.random.default_rng(0)
     image, pupil = rng.uniform(-2, 2, (50, 2)), 0.9 * rng.uniform(-0.7, 0.7, (50, 2))
     origins, directions = sensor.lens.rays(image, pupil)
-    n, to_imager = own.indices(), own.imager_place(own.indices())
+    n, to_imager = prescriptions.indices(), prescriptions.imager_place(prescriptions.indices())
     for k in range(50):
         p, d = origins[k] * [1, 1, -1], directions[k] * [1, 1, -1]
-        landed = own.through(p - 100 * d, d if d[2] > 0 else -d, n, to_imager)[1]
+        position = prescriptions.through(p - 100 * d, d if d[2] > 0 else -d, n, to_imager)[1]
         if d[2] < 0:
-            landed = own.through(p + 100 * d, -d, n, to_imager)[1]
-        assert np.abs(-landed - image[k]).max() < 1e-8
+            position = prescriptions.through(p + 100 * d, -d, n, to_imager)[1]
+        assert np.abs(-position - image[k]).max() < 1e-8
 
 
 def test_focus_breathing(file):
     """The imager moves, the surfaces are fixed: traced heights of another focus."""
     near = sensor_with(lens_of(file).focused_at(150.0))
-    n = own.indices()
-    to_imager = own.imager_place(n, 150.0)
-    wanted = np.array(
-        [own.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0] for o in OMEGA]
+    n = prescriptions.indices()
+    to_imager = prescriptions.imager_place(n, 150.0)
+    expected = np.array(
+        [
+            prescriptions.image_of_direction(np.radians(o), np.zeros(2), n, A, M, to_imager)[0]
+            for o in OMEGA
+        ]
     )
-    assert np.abs(om.evaluate(near, OMEGA).h_px - wanted / PITCH).max() < 1e-3
+    assert np.abs(om.evaluate(near, OMEGA).h_px - expected / PITCH).max() < 1e-3
 
 
 def test_even_asphere_intersections():
@@ -238,8 +248,8 @@ def test_even_asphere_intersections():
     steep = (sag(r + 1e-5) - sag(r - 1e-5)) / 2e-5
     incidence = np.arctan(slope) + np.arctan(steep)
     after = np.arcsin(np.sin(incidence) / 1.5) - np.arctan(steep)
-    landed = one.trace(np.array([[start, 0.0]]), np.array([[slope, 0.0]]), to_imager).image
-    assert landed[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
+    image = one.trace(np.array([[start, 0.0]]), np.array([[slope, 0.0]]), to_imager).image
+    assert image[0, 0] == pytest.approx(r + (to_imager - sag(r)) * np.tan(after), abs=1e-8)
 
 
 PLANO = {
@@ -272,7 +282,7 @@ def test_extreme_focal_lengths_valid(focal_length):
 
 
 @pytest.mark.parametrize(
-    ("columns", "sentence"),
+    ("columns", "message"),
     [
         (
             {"curvature_per_mm": (0.0, 0.0, 0.0)},
@@ -325,8 +335,8 @@ def test_extreme_focal_lengths_valid(focal_length):
         ),
     ],
 )
-def test_invalid_surfaces_rejected_without_warning(columns, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
+def test_invalid_surfaces_rejected_without_warning(columns, message):
+    with pytest.raises(InvalidParameter, match=message):
         plano_convex(**columns)
 
 
@@ -387,33 +397,35 @@ def test_limits_of_lens_are_included():
 
 @pytest.mark.parametrize("missing", ["wavelengths_nm", "index_short", "index_long"])
 def test_other_wavelengths_require_three_indices(missing):
-    known = {
+    optics = {
         "wavelengths_nm": (486.1, 587.6, 656.3),
         "index_short": (1.0, 1.5224, 1.0),
         "index_long": (1.0, 1.5143, 1.0),
     }
-    assert plano_convex(focus_distance_mm=300.0, **known).at_wavelength(656.3).index[
+    assert plano_convex(focus_distance_mm=300.0, **optics).at_wavelength(656.3).index[
         1
     ] == pytest.approx(1.5143, abs=1e-12)
     with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
         plano_convex(
-            **{name: value for name, value in known.items() if name != missing}
+            **{name: value for name, value in optics.items() if name != missing}
         ).at_wavelength(700.0)
     for wavelengths in ((486.1, 656.3), (486.1, 546.1, 587.6, 656.3)):
-        lens = plano_convex(**{**known, "wavelengths_nm": wavelengths})
+        lens = plano_convex(**{**optics, "wavelengths_nm": wavelengths})
         with pytest.raises(InvalidParameter, match="the indices at 700 nm are unknown; specify"):
             lens.at_wavelength(700.0)
 
 
 def test_narrow_aperture_reduces_illumination(file, tmp_path):
     """A front aperture vignettes the bundle as traced."""
-    text = own.zmx(per_surface={1: ["  CLAP 0 1.75 0"], 6: ["  CLAP 0 1.55 0"]})
+    text = prescriptions.zmx(per_surface={1: ["  CLAP 0 1.75 0"], 6: ["  CLAP 0 1.55 0"]})
     (tmp_path / "cut.zmx").write_text(text)
-    whole, cut = lens_of(file).field.nodes, lens_of(tmp_path / "cut.zmx").field.nodes
-    assert cut.illumination[0] == pytest.approx(1.0)
-    i = len(cut.tangent) // 2
-    assert cut.width_t[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.width_t)
-    assert cut.illumination[i] < 0.97 * np.interp(cut.tangent[i], whole.tangent, whole.illumination)
+    full, narrow = lens_of(file).field.nodes, lens_of(tmp_path / "cut.zmx").field.nodes
+    assert narrow.illumination[0] == pytest.approx(1.0)
+    i = len(narrow.tangent) // 2
+    assert narrow.width_t[i] < 0.97 * np.interp(narrow.tangent[i], full.tangent, full.width_t)
+    assert narrow.illumination[i] < 0.97 * np.interp(
+        narrow.tangent[i], full.tangent, full.illumination
+    )
 
 
 def test_dewarping_through_real_lens(sensor):
@@ -421,24 +433,24 @@ def test_dewarping_through_real_lens(sensor):
     screen = om.screens.Cylinder((720, 270), tilt_min_deg=-60, tilt_max_deg=35)
     coordinates = om.Dewarper(sensor, screen).coordinates()
     rows, columns = np.array([5, 80, 150, 200, 260]), np.array([30, 200, 360, 500, 700])
-    towards = screen.targets_at(columns.astype(float), rows.astype(float))
-    omega = np.degrees(np.arccos(towards @ sensor.axis / np.linalg.norm(towards, axis=-1)))
+    directions = screen.targets_at(columns.astype(float), rows.astype(float))
+    omega = np.degrees(np.arccos(directions @ sensor.axis / np.linalg.norm(directions, axis=-1)))
     radius = np.hypot(*(coordinates[rows, columns] - 511.5).T)
     assert np.abs(radius - truth(omega)[:, 0] / PITCH).max() < 0.01
 
 
 def test_evaluation_includes_lens_blur(file, sensor, tmp_path):
-    found = om.evaluate(sensor, [0.0, 90.0])
-    assert list(found.of_lens) == [
+    evaluation = om.evaluate(sensor, [0.0, 90.0])
+    assert list(evaluation.of_lens) == [
         "lens_blur_t_px",
         "lens_blur_s_px",
         "lens_illumination",
         "lateral_colour_px",
         "entrance_pupil_mm",
     ]
-    assert found.of_lens["lens_illumination"][0] == pytest.approx(1.0)
-    assert found.of_lens["lateral_colour_px"][0] == 0.0
-    found.to_csv(tmp_path / "table.csv")
+    assert evaluation.of_lens["lens_illumination"][0] == pytest.approx(1.0)
+    assert evaluation.of_lens["lateral_colour_px"][0] == 0.0
+    evaluation.to_csv(tmp_path / "table.csv")
     assert (
         (tmp_path / "table.csv")
         .read_text()
@@ -449,10 +461,10 @@ def test_evaluation_includes_lens_blur(file, sensor, tmp_path):
 
 
 def test_command_line_accepts_lens_file(file):
-    found = omnimirror("evaluate", "paper-spherical", "--lens", file, "--omega-deg", "90")
-    assert found.returncode == 0, found.stderr
-    assert "surfaces lens" in found.stdout
-    assert "pupil" in found.stdout
+    run = omnimirror("evaluate", "paper-spherical", "--lens", file, "--omega-deg", "90")
+    assert run.returncode == 0, run.stderr
+    assert "surfaces lens" in run.stdout
+    assert "pupil" in run.stdout
     missing = omnimirror("evaluate", "paper-spherical", "--lens", "nothing.zmx")
     assert missing.returncode
     assert "cannot read nothing.zmx" in missing.stderr
@@ -464,7 +476,7 @@ def test_command_line_accepts_lens_file(file):
 @pytest.mark.parametrize("code", ["utf-8", "utf-16", "utf-8-sig", "latin-1"])
 def test_lens_file_encodings(code, file, tmp_path):
     (tmp_path / "triplet.zmx").write_bytes(
-        own.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code)
+        prescriptions.zmx().replace("Cooke", "Cooké" * (code != "latin-1")).encode(code)
     )
     assert lens_of(tmp_path / "triplet.zmx") == lens_of(file)
 
@@ -497,7 +509,7 @@ DIAMETERS = {
 )
 def test_lens_file_field(fields, widest_deg, diameters, tmp_path):
     """OpticStudio writes DIAM lines by default; they vignette rays and do not change the field."""
-    text = own.zmx(per_surface=diameters)
+    text = prescriptions.zmx(per_surface=diameters)
     start, end = text.index("FTYP"), text.index("WAVM 1")
     (tmp_path / "lens.zmx").write_text(text[:start] + fields + "\n" + text[end:])
     lens = lens_of(tmp_path / "lens.zmx", focus_distance_mm=1e6)
@@ -519,7 +531,9 @@ def test_field_beyond_lens_file_rejected(file, tmp_path):
 
 
 def test_lens_file_in_inches(file, tmp_path):
-    text = own.zmx(radii=own.RADII / 25.4, gaps=own.GAPS / 25.4).replace("UNIT MM", "UNIT IN")
+    text = prescriptions.zmx(
+        radii=prescriptions.RADII / 25.4, gaps=prescriptions.GAPS / 25.4
+    ).replace("UNIT MM", "UNIT IN")
     (tmp_path / "inches.zmx").write_text(
         text.replace(f"ENPD {11.6 / 4!r}", f"ENPD {11.6 / 4 / 25.4!r}")
     )
@@ -530,52 +544,61 @@ def test_lens_file_in_inches(file, tmp_path):
 
 def test_sensor_file_names_lens_file(file, sensor, tmp_path):
     text = format_sensor(om.load_sensor("paper-spherical"))
-    head, rest = text.split("[lens]\n")
-    rest = rest[rest.index("[imager]") :]
+    head, tail = text.split("[lens]\n")
+    tail = tail[tail.index("[imager]") :]
     path = tmp_path / "mine.toml"
     (tmp_path / "triplet.zmx").write_bytes(file.read_bytes())
     path.write_text(
-        f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{rest}'
+        f'{head}[lens]\nkind = "surfaces"\nfile = "triplet.zmx"\nfocus_distance_mm = 212.0\n\n{tail}'
     )
-    found = om.load_sensor(path)
-    assert found.lens == sensor.lens
-    assert om.parse_sensor(format_sensor(found)) == found
+    sensor_of_file = om.load_sensor(path)
+    assert sensor_of_file.lens == sensor.lens
+    assert om.parse_sensor(format_sensor(sensor_of_file)) == sensor_of_file
     with pytest.raises(OmnimirrorError, match=r"lens\.file must not name a file"):
         om.parse_sensor(path.read_text())
 
 
 BAD = {
     "unknown glass": (
-        own.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]),
+        prescriptions.zmx(glasses=["N-SK61", "", "F2", "", "N-SK16", ""]),
         "N-SK61.*did you mean N-SK16",
     ),
     "missing surfaces": ("MODE SEQ\nUNIT MM\nSURF 0\nSURF 1\n", "got 2 surfaces"),
-    "no stop": (own.zmx(stop=99), r"the stop \(STOP\); got 0"),
-    "wrong unit": (own.zmx().replace("UNIT MM", "UNIT FURLONG"), "UNIT must be one of MM"),
+    "no stop": (prescriptions.zmx(stop=99), r"the stop \(STOP\); got 0"),
+    "wrong unit": (
+        prescriptions.zmx().replace("UNIT MM", "UNIT FURLONG"),
+        "UNIT must be one of MM",
+    ),
     "save one configuration separately": (
-        own.zmx(head="MNUM 3 1"),
+        prescriptions.zmx(head="MNUM 3 1"),
         "save one configuration separately",
     ),
     "non-sequential": (
-        own.zmx().replace("MODE SEQ", "MODE NSC"),
+        prescriptions.zmx().replace("MODE SEQ", "MODE NSC"),
         r"MODE must be SEQ \(sequential\); got NSC",
     ),
     "a shape": (
-        own.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"),
+        prescriptions.zmx().replace("TYPE STANDARD", "TYPE TOROIDAL"),
         "TYPE must be STANDARD or EVENASPH; got TOROIDAL",
     ),
     "a mirror": (
-        own.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]),
+        prescriptions.zmx(glasses=["MIRROR", "", "F2", "", "N-SK16", ""]),
         "lenses with mirror surfaces",
     ),
-    "not a number": (own.zmx().replace("DISZ INFINITY", "DISZ far"), "cannot parse the line"),
-    "vignettes all": (own.zmx(per_surface={3: ["  CLAP 0 1e-6 0"]}), "must reach the imager"),
+    "not a number": (
+        prescriptions.zmx().replace("DISZ INFINITY", "DISZ far"),
+        "cannot parse the line",
+    ),
+    "vignettes all": (
+        prescriptions.zmx(per_surface={3: ["  CLAP 0 1e-6 0"]}),
+        "must reach the imager",
+    ),
     "too wide": (
-        own.zmx().replace(f"ENPD {11.6 / 4!r}", "ENPD 40"),
+        prescriptions.zmx().replace(f"ENPD {11.6 / 4!r}", "ENPD 40"),
         "must not exceed the surfaces",
     ),
     "wavelength": (
-        own.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"),
+        prescriptions.zmx().replace("WAVM 3 0.6562725", "WAVM 3 9.6"),
         "the range of the data of N-SK16",
     ),
 }
@@ -583,11 +606,11 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_invalid_lens_files_rejected(case, tmp_path):
-    text, sentence = BAD[case]
+    text, message = BAD[case]
     (tmp_path / "bad.zmx").write_text(text)
-    with pytest.raises(OmnimirrorError, match=sentence) as found:
+    with pytest.raises(OmnimirrorError, match=message) as error:
         lens_of(tmp_path / "bad.zmx")
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(error.value)
 
 
 def test_missing_lens_file_rejected(tmp_path):
@@ -626,8 +649,8 @@ def test_catalogue_file_takes_precedence(tmp_path):
         "CD 1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653",
     ]
     (tmp_path / "mine.agf").write_text("\n".join([*lines, "LD 0.3 2.5"]))
-    found = glass_named("N-SK16", (), read_agf(tmp_path / "mine.agf"))
-    assert found.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
+    glass = glass_named("N-SK16", (), read_agf(tmp_path / "mine.agf"))
+    assert glass.index(0.5875618) == pytest.approx(1.5168, abs=1e-5)
     (tmp_path / "bad.agf").write_text("NM X\n")
     with pytest.raises(OmnimirrorError, match=r"cannot parse .* as a line of a glass catalogue"):
         read_agf(tmp_path / "bad.agf")
@@ -641,8 +664,8 @@ def test_schott_dispersion_formula():
 
 
 def test_zmx_export_contains_ideal_lens(sensor, tmp_path):
-    [found] = om.export(sensor, tmp_path, formats=["zmx"])
-    text = found.path.read_text(encoding="utf-16")
+    [export] = om.export(sensor, tmp_path, formats=["zmx"])
+    text = export.path.read_text(encoding="utf-16")
     assert (
         "The lens is ideal, with the focal length, entrance pupil and focus of the sensor." in text
     )
@@ -673,10 +696,10 @@ def test_aperture_clearances():
     )
     heights = np.array([0.0, 1.0, 3.0, -2.0])
     points = np.stack([heights, 0 * heights, 7.0 + 0 * heights], axis=-1)
-    found = lens.clearances(points, np.tile([0.0, 0.0, 1.0], (4, 1)))
-    assert list(found) == ["lens surface 1", "lens surface 3"]
-    np.testing.assert_allclose(found["lens surface 1"], (25.0 - heights**2) / 10.0, rtol=1e-12)
+    clearances = lens.clearances(points, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    assert list(clearances) == ["lens surface 1", "lens surface 3"]
+    np.testing.assert_allclose(clearances["lens surface 1"], (25.0 - heights**2) / 10.0, rtol=1e-12)
     sag = 25.84 - np.sqrt(25.84**2 - heights**2)
     turn = np.arcsin(heights / 25.84) - np.arcsin(heights / 25.84 / 1.5168)
     behind = heights - (4.0 - sag) * np.tan(turn)
-    np.testing.assert_allclose(found["lens surface 3"], (36.0 - behind**2) / 12.0, rtol=1e-9)
+    np.testing.assert_allclose(clearances["lens surface 3"], (36.0 - behind**2) / 12.0, rtol=1e-9)

@@ -11,7 +11,7 @@ from omnimirror.base.errors import OmnimirrorError
 from omnimirror.optics.lenses import SurfaceLens, TabulatedLens
 from omnimirror.optics.lenses._tabulated_lens import COLUMNS, _opening_of_barrel
 from omnimirror.optics.sensor_files import format_sensor
-from tests.optics.lenses import prescriptions as own
+from tests.optics.lenses import prescriptions
 
 ANGLES = np.linspace(0, 20, 41)
 OMEGA = np.linspace(0, 130, 27)
@@ -37,7 +37,7 @@ def faultless(sensor, pupil=0.0):
 def test_ideal_table_equals_thin_lens(pupil):
     plain, table = faultless(om.load_sensor("paper-spherical"), pupil)
     for focus in (None, 190.0):
-        ours, theirs = (om.evaluate(s, OMEGA, focus_mm=focus) for s in (table, plain))
+        tabulated, thin = (om.evaluate(s, OMEGA, focus_mm=focus) for s in (table, plain))
         for name in (
             "h_px",
             "dh_domega_px_per_deg",
@@ -46,18 +46,18 @@ def test_ideal_table_equals_thin_lens(pupil):
             "blur_t_px",
             "blur_s_px",
         ):
-            assert getattr(ours, name) == pytest.approx(
-                getattr(theirs, name), rel=1e-7, abs=1e-7
+            assert getattr(tabulated, name) == pytest.approx(
+                getattr(thin, name), rel=1e-7, abs=1e-7
             ), name
     assert om.best_focus(table).focus_mm == pytest.approx(om.best_focus(plain).focus_mm, rel=1e-6)
     pixels = np.array([[700.0, 600.0], [511.5, 200.0], [90.0, 400.0]])
     pupils = np.array([[0.3, 0.4], [-0.9, 0.1], [0.0, 0.8]])
-    ours, theirs = (s.aperture_rays(pixels, pupils) for s in (table, plain))
-    assert np.abs(ours.directions - theirs.directions).max() < 1e-8
+    tabulated, thin = (s.aperture_rays(pixels, pupils) for s in (table, plain))
+    assert np.abs(tabulated.directions - thin.directions).max() < 1e-8
     assert (
         np.abs(
-            table.project(ours.origins + 90 * ours.directions).pixels
-            - plain.project(ours.origins + 90 * ours.directions).pixels
+            table.project(tabulated.origins + 90 * tabulated.directions).pixels
+            - plain.project(tabulated.origins + 90 * tabulated.directions).pixels
         ).max()
         < 1e-6
     )
@@ -67,9 +67,9 @@ def test_ideal_table_equals_thin_lens(pupil):
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """A lens by its surfaces, and by a table of its own values."""
+    """Lens defined by its surfaces, and by the table computed from them."""
     path = tmp_path_factory.mktemp("lens") / "triplet.zmx"
-    path.write_text(own.zmx())
+    path.write_text(prescriptions.zmx())
     lens = SurfaceLens.from_file(path, focus_distance_mm=212.0)
     t = np.tan(np.radians(ANGLES))
     pupil, height = lens.pupil.position(t), np.abs(lens.field.height(t)[0])
@@ -99,60 +99,64 @@ def test_image_side_field_curvature_matches_object_side(both):
     surfaces, table = both
     lens = surfaces.lens
     t = np.tan(np.radians(ANGLES))
-    n, to_imager = own.indices(), own.imager_place(own.indices())
-    place, step = lens.pupil.position(t), 1e-4
+    n, to_imager = prescriptions.indices(), prescriptions.imager_place(prescriptions.indices())
+    positions, step = lens.pupil.position(t), 1e-4
     curvature = {0: [], 1: []}
     behind = []
-    for tangent, z in zip(t, place, strict=True):
+    for tangent, z in zip(t, positions, strict=True):
 
         def image(dx, dy, extra, tangent=tangent, z=z):
             """Return images of rays from one point in focus through points near the pupil centre."""
             s0 = 212.0 - z
-            towards = np.array([-(tangent * s0) + dx, dy, s0])
+            direction = np.array([-(tangent * s0) + dx, dy, s0])
             start = np.array([tangent * s0, 0.0, -212.0])
-            return -own.through(start, towards, n, to_imager + extra)[1]
+            return -prescriptions.through(start, direction, n, to_imager + extra)[1]
 
-        here, there = image(0, 0, 0.0), image(0, 0, 1.0)
-        behind.append(np.degrees(np.arctan(there[0] - here[0])))
+        centre, extended = image(0, 0, 0.0), image(0, 0, 1.0)
+        behind.append(np.degrees(np.arctan(extended[0] - centre[0])))
         for axis in (0, 1):
             moves = step * np.eye(2)[axis]
             at = [image(*moves, extra)[axis] - image(0, 0, extra)[axis] for extra in (0.0, 1.0)]
             curvature[axis].append(at[0] / (at[0] - at[1]))
-    bent = replace(
+    curved = replace(
         table.lens,
         chief_ray_deg=tuple(behind),
         field_curvature_t_mm=tuple(curvature[0]),
         field_curvature_s_mm=tuple(curvature[1]),
     )
-    ours, theirs = (om.evaluate(s, OMEGA) for s in (replace(table, lens=bent), surfaces))
+    evaluation, expected = (om.evaluate(s, OMEGA) for s in (replace(table, lens=curved), surfaces))
     # except for a pupil size that increases with the angle, which the table does not contain
-    grown = lens.field.at(np.tan(np.radians(theirs.theta_deg)))
-    assert ours.blur_t_px * grown.width_t == pytest.approx(theirs.blur_t_px, abs=0.01, rel=2e-3)
-    assert ours.blur_s_px * grown.width_s == pytest.approx(theirs.blur_s_px, abs=0.01, rel=2e-3)
+    magnification = lens.field.at(np.tan(np.radians(expected.theta_deg)))
+    assert evaluation.blur_t_px * magnification.width_t == pytest.approx(
+        expected.blur_t_px, abs=0.01, rel=2e-3
+    )
+    assert evaluation.blur_s_px * magnification.width_s == pytest.approx(
+        expected.blur_s_px, abs=0.01, rel=2e-3
+    )
     # and another focus: the imager moves along the chief rays
-    held = replace(bent, table_focus_mm=212.0).focused_at(150.0)
-    pairs = (table, held), (surfaces, lens.focused_at(150.0))
+    curved_at_focus = replace(curved, table_focus_mm=212.0).focused_at(150.0)
+    pairs = (table, curved_at_focus), (surfaces, lens.focused_at(150.0))
     near = [om.evaluate(replace(s, lens=each), OMEGA).h_px for s, each in pairs]
     assert np.abs(near[0] - near[1]).max() < 0.01
 
 
 def test_lens_blur_and_illumination_included():
     _, table = faultless(om.load_sensor("paper-spherical"))
-    dull = replace(
+    attenuated = replace(
         table.lens,
         own_blur_t_mm=tuple(np.full(len(ANGLES), 0.0104)),
         own_blur_s_mm=tuple(np.zeros(len(ANGLES))),
         relative_illumination=tuple(1 - ANGLES / 40),
     )
-    clear, blurred = om.evaluate(table, OMEGA), om.evaluate(replace(table, lens=dull), OMEGA)
+    clear, blurred = om.evaluate(table, OMEGA), om.evaluate(replace(table, lens=attenuated), OMEGA)
     floor = 1 + clear.airy_px**2
-    wanted = (
+    expected = (
         np.sqrt((clear.blur_t_px**2 + floor + 4) * (clear.blur_s_px**2 + floor)) / clear.area_px2
     )
-    assert blurred.floored_area_deg2 == pytest.approx(wanted, rel=1e-9)
+    assert blurred.floored_area_deg2 == pytest.approx(expected, rel=1e-9)
     light = [
         om.illumination(replace(table, lens=lens), [60.0]).relative[0]
-        for lens in (table.lens, dull)
+        for lens in (table.lens, attenuated)
     ]
     theta = clear.theta_deg[np.searchsorted(OMEGA, 60.0)]
     assert light[1] / light[0] == pytest.approx(
@@ -163,16 +167,16 @@ def test_lens_blur_and_illumination_included():
 def test_best_focus_includes_lens_blur():
     """Minimum area merit by exhaustive search."""
     _, table = faultless(om.load_sensor("paper-spherical"))
-    own_blur = tuple(0.02 * (ANGLES / 20) ** 2)
+    lens_blur = tuple(0.02 * (ANGLES / 20) ** 2)
     sensor = replace(
-        table, lens=replace(table.lens, own_blur_t_mm=own_blur, own_blur_s_mm=own_blur)
+        table, lens=replace(table.lens, own_blur_t_mm=lens_blur, own_blur_s_mm=lens_blur)
     )
     best = om.best_focus(sensor)
-    tried = [
+    merits = [
         om.evaluate(sensor, np.linspace(0, 135, 1001)[:-1], focus_mm=f).floored_area_deg2.max()
         for f in best.focus_mm * np.array([0.97, 0.99, 1.01, 1.03])
     ]
-    assert best.value <= min(tried) * (1 + 1e-6)
+    assert best.value <= min(merits) * (1 + 1e-6)
 
 
 def test_lens_table_file(tmp_path):
@@ -182,18 +186,18 @@ def test_lens_table_file(tmp_path):
     lines += [",".join(repr(float(v)) for v in row) for row in rows]
     (tmp_path / "lens.csv").write_text("\n".join(lines))
     text = format_sensor(plain)
-    head, rest = text.split("[lens]\n")
-    rest = rest[rest.index("[imager]") :]
+    head, tail = text.split("[lens]\n")
+    tail = tail[tail.index("[imager]") :]
     lens = '[lens]\nkind = "table"\nfile = "lens.csv"\nfocal_length_mm = 11.6\nf_number = 4.0\n'
     lens += "focus_distance_mm = 212.0\n\n"
-    (tmp_path / "mine.toml").write_text(head + lens + rest)
-    found = om.load_sensor(tmp_path / "mine.toml")
-    assert found.lens == replace(table.lens, focus_distance_mm=212.0)
-    assert om.parse_sensor(format_sensor(found)) == found
+    (tmp_path / "mine.toml").write_text(head + lens + tail)
+    sensor = om.load_sensor(tmp_path / "mine.toml")
+    assert sensor.lens == replace(table.lens, focus_distance_mm=212.0)
+    assert om.parse_sensor(format_sensor(sensor)) == sensor
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         ("field_deg,hight\n0,0\n", "unknown column 'hight'; use field_deg"),
         ("field_deg,image_height_mm,entrance_pupil_mm\n0,0,x\n", "must contain 3 numbers"),
@@ -216,7 +220,7 @@ def test_lens_table_file(tmp_path):
         ),
     ],
 )
-def test_invalid_lens_tables_rejected(text, sentence, tmp_path):
+def test_invalid_lens_tables_rejected(text, message, tmp_path):
     (tmp_path / "lens.csv").write_text(text)
     table = {
         "file": "lens.csv",
@@ -224,7 +228,7 @@ def test_invalid_lens_tables_rejected(text, sentence, tmp_path):
         "f_number": 4.0,
         "focus_distance_mm": 212.0,
     }
-    with pytest.raises(OmnimirrorError, match=sentence):
+    with pytest.raises(OmnimirrorError, match=message):
         TabulatedLens(**TabulatedLens.from_spec(table, tmp_path))
 
 
@@ -244,11 +248,11 @@ def test_table_entries_out_of_bounds_rejected(name):
     lens = faultless(om.load_sensor("paper-spherical"))[1].lens
     is_column = name in COLUMNS
     for value in (low - 1e-4, high + 0.1):
-        wrong = (value,) * len(ANGLES) if is_column else value
+        entries = (value,) * len(ANGLES) if is_column else value
         with pytest.raises(
             OmnimirrorError, match=re.escape(f"must be between {low:g} and {high:g}")
         ):
-            replace(lens, **{name: wrong})
+            replace(lens, **{name: entries})
     parameter = TabulatedLens.PARAMETERS[name]
     assert (parameter.low, parameter.high) == (low, high)
 
@@ -333,38 +337,38 @@ def test_mirror_beyond_table_rejected():
 
 def test_thin_lens_functions_reject_tables():
     _, table = faultless(om.load_sensor("paper-spherical"))
-    for ask in (lambda: om.SensorModel(table), lambda: om.blur_bound(table)):
+    for function in (lambda: om.SensorModel(table), lambda: om.blur_bound(table)):
         with pytest.raises(OmnimirrorError, match="requires a perspective or orthographic lens"):
-            ask()
+            function()
 
 
 def test_design_like_sensor_keeps_real_lens():
     ideal, table = faultless(om.load_sensor("paper-spherical"), pupil=6.0)
-    asked = om.requirements_like(table, family="sphere")
-    assert asked.lens.optics == table.lens
-    found = om.design_sensor(asked).sensor
-    assert found.field_deg[1] == pytest.approx(table.field_deg[1], abs=1e-6)
-    assert found.mirror.radius_mm == pytest.approx(table.mirror.radius_mm, rel=1e-4)
-    assert found.mirror_distance_mm == pytest.approx(ideal.mirror_distance_mm, rel=1e-4)
+    requirements = om.requirements_like(table, family="sphere")
+    assert requirements.lens.optics == table.lens
+    design = om.design_sensor(requirements).sensor
+    assert design.field_deg[1] == pytest.approx(table.field_deg[1], abs=1e-6)
+    assert design.mirror.radius_mm == pytest.approx(table.mirror.radius_mm, rel=1e-4)
+    assert design.mirror_distance_mm == pytest.approx(ideal.mirror_distance_mm, rel=1e-4)
 
 
 # -- barrel vignetting
 # --------------------------------------------------------------------------------------------
 
 
-BARREL, AHEAD = 5.4, 12.0  # diameter in mm, before the pupil
-SEEN = 31  # rows of the table, up to 15 deg
+BARREL, BARREL_DISTANCE = 5.4, 12.0  # diameter in mm, before the pupil
+ROWS = 31  # rows of the table, up to 15 deg
 
 
 def barrelled(sensor, **more):
-    _, whole = faultless(sensor, pupil=6.0)
+    _, full = faultless(sensor, pupil=6.0)
     columns = ("field_deg", "image_height_mm", "entrance_pupil_mm")
     table = replace(
-        whole,
-        lens=replace(whole.lens, **{name: getattr(whole.lens, name)[:SEEN] for name in columns}),
+        full,
+        lens=replace(full.lens, **{name: getattr(full.lens, name)[:ROWS] for name in columns}),
     )
-    given = {"barrel_diameter_mm": BARREL, "barrel_mm": 6.0 + AHEAD, **more}
-    return table, replace(table, lens=replace(table.lens, **given))
+    barrel = {"barrel_diameter_mm": BARREL, "barrel_mm": 6.0 + BARREL_DISTANCE, **more}
+    return table, replace(table, lens=replace(table.lens, **barrel))
 
 
 def passing(lens, tangent, side=1201):
@@ -376,30 +380,37 @@ def passing(lens, tangent, side=1201):
     distance = lens.focus_distance_mm - 6.0
     point = np.array([tangent * distance, 0.0])
     start = disc * lens.aperture_radius
-    there = start + (point - start) * AHEAD / distance
-    return disc[np.hypot(*there.T) <= BARREL / 2], len(disc)
+    at_barrel = start + (point - start) * BARREL_DISTANCE / distance
+    return disc[np.hypot(*at_barrel.T) <= BARREL / 2], len(disc)
 
 
 def test_barrel_vignetting_matches_rays():
-    bare, cut = barrelled(om.load_sensor("paper-spherical"))
+    without_barrel, vignetted = barrelled(om.load_sensor("paper-spherical"))
     angles = np.array([20.0, 60.0, 90.0, 120.0, 134.0])
-    theta = np.tan(np.radians(om.evaluate(bare, angles).theta_deg))
-    plain, dimmed = (om.evaluate(s, angles) for s in (bare, cut))
-    light = np.array([om.illumination(s, angles).relative for s in (bare, cut)])
+    theta = np.tan(np.radians(om.evaluate(without_barrel, angles).theta_deg))
+    plain, dimmed = (om.evaluate(s, angles) for s in (without_barrel, vignetted))
+    light = np.array([om.illumination(s, angles).relative for s in (without_barrel, vignetted)])
     shares = []
     for k, tangent in enumerate(theta):
-        left, count = passing(cut.lens, tangent)
-        shares.append(len(left) / count)
-        widths = np.ptp(left, axis=0) / 2
+        unvignetted, count = passing(vignetted.lens, tangent)
+        shares.append(len(unvignetted) / count)
+        widths = np.ptp(unvignetted, axis=0) / 2
         assert dimmed.blur_t_px[k] / plain.blur_t_px[k] == pytest.approx(widths[0], abs=0.02)
         assert dimmed.blur_s_px[k] / plain.blur_s_px[k] == pytest.approx(widths[1], abs=0.02)
     assert light[1] / light[0] == pytest.approx(shares, abs=0.01)
-    assert om.illumination(cut, angles).filled == pytest.approx(shares, abs=0.01)
-    assert om.spots(cut, angles).filled == pytest.approx(shares, abs=0.04)  # sampled by 469 rays
+    assert om.illumination(vignetted, angles).filled == pytest.approx(shares, abs=0.01)
+    assert om.spots(vignetted, angles).filled == pytest.approx(
+        shares, abs=0.04
+    )  # sampled by 469 rays
     assert shares[0] == 1.0
     assert shares[-1] < 0.6  # a significant effect
-    narrow, wide = (om.spots(s, [130.0], focus_mm=190.0).extent_px()[0].item() for s in (cut, bare))
-    out_of_focus = [om.evaluate(s, [130.0], focus_mm=190.0).blur_t_px[0] for s in (cut, bare)]
+    narrow, wide = (
+        om.spots(s, [130.0], focus_mm=190.0).extent_px()[0].item()
+        for s in (vignetted, without_barrel)
+    )
+    out_of_focus = [
+        om.evaluate(s, [130.0], focus_mm=190.0).blur_t_px[0] for s in (vignetted, without_barrel)
+    ]
     assert narrow / wide == pytest.approx(out_of_focus[0] / out_of_focus[1], abs=0.02)
     assert narrow / wide < 0.9
 
@@ -414,26 +425,33 @@ def test_opening_of_barrel_matches_sampled_pupil(diameter):
     lens = replace(lens, **short, barrel_diameter_mm=diameter)
     pupil = np.array([6.0, 6.0, 6.0, 6.0, 6.0, 80.0, 80.0, 80.0, 150.0, 150.0])
     tangent = np.array([0.0, 0.03, 0.06, 0.12, 0.2, 0.001, 0.005, 0.02, 0.001, 0.01])
-    focus, ahead = lens.focus_distance_mm - pupil, lens.barrel_mm - pupil
+    focus, to_barrel = lens.focus_distance_mm - pupil, lens.barrel_mm - pupil
     u = np.linspace(-1, 1, 1001)
     x, y = (a.ravel() for a in np.meshgrid(u, u))
     disc = np.hypot(x, y) <= 1
     x, y = x[disc], y[disc]
     radius = lens.aperture_radius
     open_angles, expected = [], []
-    for k, (t, s, a) in enumerate(zip(tangent, focus, ahead, strict=True)):
+    for k, (t, s, a) in enumerate(zip(tangent, focus, to_barrel, strict=True)):
         share = a / s  # of the way to the point in focus at (t s, 0)
         at = x * radius * (1 - share) + t * s * share, y * radius * (1 - share)
-        passed = np.hypot(*at) <= diameter / 2
-        if not passed.any():
+        is_unvignetted = np.hypot(*at) <= diameter / 2
+        if not is_unvignetted.any():
             continue
         open_angles.append(k)
-        low, high = x[passed].min(), x[passed].max()
-        expected.append([(high - low) / 2, np.ptp(y[passed]) / 2, (high + low) / 2, passed.mean()])
+        low, high = x[is_unvignetted].min(), x[is_unvignetted].max()
+        expected.append(
+            [
+                (high - low) / 2,
+                np.ptp(y[is_unvignetted]) / 2,
+                (high + low) / 2,
+                is_unvignetted.mean(),
+            ]
+        )
     assert len(open_angles) >= 8
-    own = (values[open_angles] for values in (tangent, pupil, 1 / focus))
+    arguments = (values[open_angles] for values in (tangent, pupil, 1 / focus))
     np.testing.assert_allclose(
-        np.stack(_opening_of_barrel(lens, *own), axis=1), expected, rtol=0, atol=5e-3
+        np.stack(_opening_of_barrel(lens, *arguments), axis=1), expected, rtol=0, atol=5e-3
     )
 
 
@@ -441,7 +459,9 @@ def test_opening_of_barrel_matches_sampled_pupil(diameter):
 def test_clearance_at_the_barrel(pane):
     """(R^2 - r^2) / (2 R) at its front, about R - r next to the edge; the rays are displaced by the
     refraction at a pane behind it. A lens without a barrel has none."""
-    bare, cut = barrelled(om.load_sensor("paper-spherical"), window_mm=pane, window_index=GLASS)
+    without_barrel, vignetted = barrelled(
+        om.load_sensor("paper-spherical"), window_mm=pane, window_index=GLASS
+    )
     points = np.array([[0.0, 0.0, 6.0], [1.0, -2.0, 6.0], [0.5, 0.5, 10.0]])
     slopes = np.array([[0.0, 0.0], [0.1, 0.05], [-0.2, 0.1]])
     directions = np.column_stack([slopes, np.ones(3)])
@@ -449,13 +469,13 @@ def test_clearance_at_the_barrel(pane):
     u = np.hypot(*slopes.T)
     inside = np.tan(np.arcsin(np.sin(np.arctan(u)) / GLASS))
     displaced = pane * np.where(u > 0, 1 - inside / np.where(u > 0, u, 1.0), 1 - 1 / GLASS)
-    at = points[:, :2] + (6.0 + AHEAD - points[:, 2] + displaced)[:, None] * slopes
+    at = points[:, :2] + (6.0 + BARREL_DISTANCE - points[:, 2] + displaced)[:, None] * slopes
     expected = ((BARREL / 2) ** 2 - (at**2).sum(1)) / BARREL
-    found = cut.lens.clearances(points, directions)
-    assert list(found) == ["barrel"]
-    np.testing.assert_allclose(found["barrel"], expected, rtol=1e-12)
+    clearances = vignetted.lens.clearances(points, directions)
+    assert list(clearances) == ["barrel"]
+    np.testing.assert_allclose(clearances["barrel"], expected, rtol=1e-12)
     assert expected[0] == BARREL / 4
-    assert bare.lens.clearances(points, directions) == {}
+    assert without_barrel.lens.clearances(points, directions) == {}
 
 
 @pytest.mark.parametrize("barrel_mm", [212.0, 212.5, 1000.0])
@@ -469,40 +489,42 @@ def test_barrel_beyond_the_focus_rejected(barrel_mm):
 
 
 def test_barrel_at_the_pupil_may_have_its_size():
-    _, cut = barrelled(om.load_sensor("paper-spherical"), barrel_mm=6.0, barrel_diameter_mm=2.9)
-    assert 2 * cut.lens.aperture_radius == 2.9
-    assert cut.lens.field.nodes.unvignetted_fraction.tolist() == [1.0] * SEEN
+    _, vignetted = barrelled(
+        om.load_sensor("paper-spherical"), barrel_mm=6.0, barrel_diameter_mm=2.9
+    )
+    assert 2 * vignetted.lens.aperture_radius == 2.9
+    assert vignetted.lens.field.nodes.unvignetted_fraction.tolist() == [1.0] * ROWS
     with pytest.raises(OmnimirrorError, match="must not vignette the bundle on the axis"):
-        replace(cut.lens, barrel_diameter_mm=2.8999)
+        replace(vignetted.lens, barrel_diameter_mm=2.8999)
 
 
 def test_barrel_vignetting_in_images():
     from omnimirror.simulation.radiometry import Radiometry
     from tests.simulation.test_rendering_wavelengths import Stripes
 
-    bare, cut = (
+    without_barrel, vignetted = (
         replace(s, imager=replace(s.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
         for s in barrelled(om.load_sensor("paper-spherical"))
     )
-    taken = [
+    images = [
         om.expose(s, Stripes(), samples=2, radiometry=Radiometry(vignetting=1.0))[32, :, 0]
-        for s in (bare, cut)
+        for s in (without_barrel, vignetted)
     ]
     edge = slice(2, 5)
-    assert taken[1][edge].sum() < 0.75 * taken[0][edge].sum()
-    assert taken[1][32] == pytest.approx(taken[0][32], rel=1e-3)
+    assert images[1][edge].sum() < 0.75 * images[0][edge].sum()
+    assert images[1][32] == pytest.approx(images[0][32], rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("entries", "sentence"),
+    ("entries", "message"),
     [
         ({"barrel_diameter_mm": 2.0}, "must not vignette the bundle on the axis"),
         ({"barrel_mm": 60.0}, r"it blocks all light at [\d.]+ deg; remove these rows or use"),
         ({"barrel_mm": 300.0}, "must not vignette the bundle on the axis"),
     ],
 )
-def test_blocking_barrels_rejected(entries, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence):
+def test_blocking_barrels_rejected(entries, message):
+    with pytest.raises(OmnimirrorError, match=message):
         barrelled(om.load_sensor("paper-spherical"), **entries)
 
 
@@ -510,7 +532,7 @@ def test_blocking_barrels_rejected(entries, sentence):
 # -------------------------------------------------------------------------------
 
 
-PANE, GLASS, AT = 6.0, 1.5168, 40.0  # mm, index, mm before the pupil
+PANE, GLASS, PANE_DISTANCE = 6.0, 1.5168, 40.0  # mm, index, mm before the pupil
 
 
 def behind_pane(points, slopes):
@@ -518,10 +540,10 @@ def behind_pane(points, slopes):
     faces."""
     u = np.hypot(*slopes.T)
     inside = np.tan(np.arcsin(np.sin(np.arctan(u)) / GLASS))
-    way = slopes / np.where(u > 0, u, 1.0)[:, None]
-    met = points + AT * slopes
-    left = met + PANE * inside[:, None] * way
-    return left - (AT + PANE) * slopes
+    direction = slopes / np.where(u > 0, u, 1.0)[:, None]
+    entry = points + PANE_DISTANCE * slopes
+    exit_point = entry + PANE * inside[:, None] * direction
+    return exit_point - (PANE_DISTANCE + PANE) * slopes
 
 
 def outside_ball(start, slopes, pupil_z, radius):
@@ -540,8 +562,10 @@ def outside_ball(start, slopes, pupil_z, radius):
 def test_pane_matches_refracted_rays():
     sensor = om.load_sensor("paper-spherical")
     narrow = replace(sensor, lens=replace(sensor.lens, f_number=40.0))
-    ideal, bare = faultless(narrow, pupil=6.0)
-    paned = replace(bare, lens=replace(bare.lens, window_mm=PANE, window_index=GLASS))
+    ideal, without_barrel = faultless(narrow, pupil=6.0)
+    paned = replace(
+        without_barrel, lens=replace(without_barrel.lens, window_mm=PANE, window_index=GLASS)
+    )
     lens, radius, z = ideal.lens, sensor.mirror.radius_mm, 6.0 - sensor.mirror_distance_mm
     tangents = np.tan(np.radians([2.0, 5.0, 8.0, 11.0]))
     for tangent in tangents:
@@ -550,20 +574,20 @@ def test_pane_matches_refracted_rays():
         slopes = (point - y) / lens.from_pupil
         out = outside_ball(behind_pane(y, slopes), slopes, z, radius)
         omega = np.degrees(np.arctan2(out[:, 0], -out[:, 2]))
-        found, without = (om.evaluate(s, [omega[0]]) for s in (paned, bare))
+        with_pane, without = (om.evaluate(s, [omega[0]]) for s in (paned, without_barrel))
         height = lens.principal_distance * tangent / sensor.imager.pitch_mm
-        assert found.h_px[0] == pytest.approx(height, abs=1e-4)
+        assert with_pane.h_px[0] == pytest.approx(height, abs=1e-4)
         assert abs(without.h_px[0] - height) > 0.05
         across = np.degrees(np.arccos(out[3] @ out[4]))
-        assert abs(found.blur_t_deg[0]) == pytest.approx(abs(omega[1] - omega[2]), abs=2e-4)
-        assert abs(found.blur_s_deg[0]) == pytest.approx(across, abs=2e-4)
+        assert abs(with_pane.blur_t_deg[0]) == pytest.approx(abs(omega[1] - omega[2]), abs=2e-4)
+        assert abs(with_pane.blur_s_deg[0]) == pytest.approx(across, abs=2e-4)
     spot, bundle = om.spots(paned, [90.0]).extent_px(), om.evaluate(paned, [90.0])
     assert spot[0].item() == pytest.approx(abs(bundle.blur_t_px[0]), abs=0.01)
     assert spot[1].item() == pytest.approx(abs(bundle.blur_s_px[0]), abs=0.01)
 
 
-@pytest.mark.parametrize("given", [("short",), ("long",), ("short", "long"), ()])
-def test_lateral_colour_at_three_lines(given):
+@pytest.mark.parametrize("names", [("short",), ("long",), ("short", "long"), ()])
+def test_lateral_colour_at_three_lines(names):
     """F, d and C; in between a parabola in 1/wavelength^2."""
     angles, heights = (0.0, 5.0, 10.0, 20.0), (0.0, 1.0, 2.0, 4.1)
     shifts = {"short": (0.0, 0.004, 0.01, 0.03), "long": (0.0, -0.006, -0.02, -0.05)}
@@ -574,14 +598,14 @@ def test_lateral_colour_at_three_lines(given):
         angles,
         heights,
         (0.0, 0.0, 0.0, 0.0),
-        **{f"lateral_colour_{name}_mm": shifts[name] for name in given},
+        **{f"lateral_colour_{name}_mm": shifts[name] for name in names},
     )
-    nothing = (0.0, 0.0, 0.0, 0.0)
-    short, long = (shifts[name] if name in given else nothing for name in ("short", "long"))
-    for nm, shift in ((486.1327, short), (587.5618, nothing), (656.2725, long)):
-        there = lens.at_wavelength(nm)
-        np.testing.assert_allclose(there.image_height_mm, np.add(heights, shift), atol=1e-9)
-        assert there.lateral_colour_short_mm is None or not given
+    zeros = (0.0, 0.0, 0.0, 0.0)
+    short, long = (shifts[name] if name in names else zeros for name in ("short", "long"))
+    for nm, shift in ((486.1327, short), (587.5618, zeros), (656.2725, long)):
+        lens_at_line = lens.at_wavelength(nm)
+        np.testing.assert_allclose(lens_at_line.image_height_mm, np.add(heights, shift), atol=1e-9)
+        assert lens_at_line.lateral_colour_short_mm is None or not names
     x = 1 / np.array([486.1327, 587.5618, 656.2725]) ** 2
     parabola = np.polyfit(1e6 * x, [short[3], 0.0, long[3]], 2)
     assert lens.at_wavelength(540.0).image_height_mm[3] == pytest.approx(

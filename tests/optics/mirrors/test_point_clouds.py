@@ -15,8 +15,10 @@ from omnimirror.optics.mirrors.measured import profile_of
 from omnimirror.optics.sensor_files import load_sensor, parse_sensor
 
 HYPERBOLOID = Hyperboloid(32.5, 74.5, 44.0)
-BESIDE = "".join(f"{x},{y},{(x * x + y * y) / 90}\n" for x in range(20, 40) for y in range(20))
-AT = np.linspace(0.5, 39.0, 150)
+DECENTRED_POINTS = "".join(
+    f"{x},{y},{(x * x + y * y) / 90}\n" for x in range(20, 40) for y in range(20)
+)
+RADII = np.linspace(0.5, 39.0, 150)
 SENSOR = """
 [mirror]
 kind = "sampled"
@@ -61,20 +63,20 @@ def test_point_cloud_axis_estimated(above):
     assert mirror.rim_radius_mm == pytest.approx(40.0, abs=0.05)
     in_a_ring = 3000 / len(x)
     assert mirror.fit.uncertainty_mm == pytest.approx(1e-3 / np.sqrt(in_a_ring), rel=0.25)
-    np.testing.assert_allclose(mirror.sag(AT), HYPERBOLOID.sag(AT), atol=1e-3)
-    np.testing.assert_allclose(mirror.slope(AT), HYPERBOLOID.slope(AT), atol=1e-3)
+    np.testing.assert_allclose(mirror.sag(RADII), HYPERBOLOID.sag(RADII), atol=1e-3)
+    np.testing.assert_allclose(mirror.slope(RADII), HYPERBOLOID.slope(RADII), atol=1e-3)
 
 
 @pytest.mark.long
-def test_exact_cloud_gives_mirror():
+def test_exact_cloud_defines_mirror():
     mirror = SampledProfile(*profile_of(cloud(HYPERBOLOID, 0.0)))
-    np.testing.assert_allclose(mirror.sag(AT), HYPERBOLOID.sag(AT), atol=2e-5)
-    np.testing.assert_allclose(mirror.slope(AT), HYPERBOLOID.slope(AT), atol=2e-5)
+    np.testing.assert_allclose(mirror.sag(RADII), HYPERBOLOID.sag(RADII), atol=2e-5)
+    np.testing.assert_allclose(mirror.slope(RADII), HYPERBOLOID.slope(RADII), atol=2e-5)
 
 
 def test_sphere_keeps_machine_axes():
     mirror = SampledProfile(*profile_of(cloud(Sphere(50.0, 44.0), 1e-3)))
-    at = AT[mirror.rim_radius_mm > AT]
+    at = RADII[mirror.rim_radius_mm > RADII]
     np.testing.assert_allclose(mirror.slope(at), Sphere(50.0, 44.0).slope(at), atol=1e-3)
 
 
@@ -83,13 +85,13 @@ def test_cloud_axis_robust_to_outliers():
     points[::750, 2] += 0.5
     mirror = SampledProfile(*profile_of(points))
     assert 0 < len(mirror.outliers) <= 8
-    np.testing.assert_allclose(mirror.slope(AT), HYPERBOLOID.slope(AT), atol=2e-3)
+    np.testing.assert_allclose(mirror.slope(RADII), HYPERBOLOID.slope(RADII), atol=2e-3)
 
 
 def test_cone_cloud_is_pointed():
     x, z = profile_of(cloud(Cone(40.0, 44.0), 1e-4))
     mirror = SampledProfile(x, z, apex="pointed")
-    np.testing.assert_allclose(mirror.slope(AT[5:]), np.tan(np.radians(40.0)), atol=3e-3)
+    np.testing.assert_allclose(mirror.slope(RADII[5:]), np.tan(np.radians(40.0)), atol=3e-3)
 
 
 def test_sensor_file_names_cloud_or_grid(tmp_path):
@@ -100,7 +102,7 @@ def test_sensor_file_names_cloud_or_grid(tmp_path):
     for entry in ('cloud_csv = "cloud.csv"', 'grid_sag = "grid.dat"\nrim_radius_mm = 40.0'):
         (tmp_path / "s.toml").write_text(SENSOR.format(entry=entry))
         sensor = load_sensor(tmp_path / "s.toml")
-        np.testing.assert_allclose(sensor.mirror.sag(AT), HYPERBOLOID.sag(AT), atol=1e-4)
+        np.testing.assert_allclose(sensor.mirror.sag(RADII), HYPERBOLOID.sag(RADII), atol=1e-4)
         assert om.evaluate(sensor, [30.0]).x_mm[0] > 0
 
 
@@ -123,7 +125,7 @@ def test_untrusted_text_must_not_name_files(entry):
         ),
         ("cloud_csv", "1,2,3\n1,nan,2\n", "at least 200 points; got 1"),
         ("cloud_csv", "".join(f"{i % 20},{i // 20},0\n" for i in range(400)), "got flat points"),
-        ("cloud_csv", BESIDE, "must surround its axis"),
+        ("cloud_csv", DECENTRED_POINTS, "must surround its axis"),
         ("grid_sag", "", "must be a grid of heights"),
         ("grid_sag", "3 3 1 1 0 0 0\n1\n", "must be a grid of heights"),
         ("grid_sag", "3 3 1 1 9 0 0\n" + "1\n" * 9, "must be a grid of heights"),
@@ -159,8 +161,8 @@ def test_sparse_cloud_uncertainty(name, count, scatter_mm):
     omega = np.linspace(low + 0.02 * (high - low), high - 0.03 * (high - low), 12)
     points = cloud(sensor.mirror, scatter_mm, count, rim_mm=sensor.mirror.rim_radius_mm)
     measured = om.evaluate(replace(sensor, mirror=SampledProfile(*profile_of(points))), omega)
-    true, stated = om.evaluate(sensor, omega), measured.standard_deviations()
+    true, sigmas = om.evaluate(sensor, omega), measured.standard_deviations()
     for column in ("h_px", "dh_domega_px_per_deg", "blur_t_px", "blur_s_px"):
-        off = np.abs(getattr(measured, column) - getattr(true, column)) / stated[column]
-        assert 0.1 < np.sqrt((off**2).mean()) < 3, column
-        assert off.max() < 7, column
+        error = np.abs(getattr(measured, column) - getattr(true, column)) / sigmas[column]
+        assert 0.1 < np.sqrt((error**2).mean()) < 3, column
+        assert error.max() < 7, column

@@ -39,7 +39,7 @@ def sensor_of(mirror: MappingMirror) -> om.Sensor:
     )
 
 
-def evaluated(
+def omega_and_rays(
     mirror: MappingMirror, low: float = 1e-3
 ) -> tuple[om.Sensor, np.ndarray, np.ndarray, np.ndarray]:
     """Return field angles (radians), relative image heights, and mirror points, from om.evaluate."""
@@ -83,7 +83,7 @@ MAPPINGS = {
 @pytest.mark.parametrize("theta", [12.0, 35.0, 0.5, 0.0])
 @pytest.mark.parametrize("cls", MAPPINGS, ids=lambda c: c.KIND)
 def test_evaluation_matches_prescribed_mapping(cls, theta):
-    omega, tau, _, _ = evaluated(cls(75.0 if cls is Rectifying else 135.0, theta, M))
+    omega, tau, _, _ = omega_and_rays(cls(75.0 if cls is Rectifying else 135.0, theta, M))
     height = MAPPINGS[cls]
     np.testing.assert_allclose(tau, height(omega) / height(omega[-1]), rtol=1e-9)
 
@@ -95,7 +95,7 @@ def test_evaluation_matches_prescribed_mapping(cls, theta):
     ids=["equiangular", "conformal"],
 )
 def test_mappings_of_the_viewing_angle(cls, viewing, theta):
-    omega, tau, _, _ = evaluated(cls(135.0, theta, M))
+    omega, tau, _, _ = omega_and_rays(cls(135.0, theta, M))
     Theta = np.radians(theta)
     angle = np.arctan(tau * np.tan(Theta))
     if cls is Equiangular:
@@ -114,7 +114,7 @@ def test_mappings_of_the_viewing_angle(cls, viewing, theta):
 )
 def test_ground_plane_mapping_to_scale(omega_max, H, theta):
     """True intersections of the chief rays with the plane: radii are proportional to image heights."""
-    omega, tau, x, z = evaluated(GroundPlane(omega_max, theta, M, plane_distance_mm=H))
+    omega, tau, x, z = omega_and_rays(GroundPlane(omega_max, theta, M, plane_distance_mm=H))
     radius = x + (z + H) * np.tan(omega)
     np.testing.assert_allclose(radius / radius[-1], tau, rtol=1e-9)
     assert np.degrees(omega[-1]) == pytest.approx(omega_max, abs=1e-9)
@@ -127,7 +127,7 @@ def test_ground_plane_mapping_to_scale(omega_max, H, theta):
 )
 def test_cylinder_mapping_to_scale(low, high, R, theta):
     mirror = CylinderMapping(high, theta, M, omega_min_deg=low, cylinder_radius_mm=R)
-    omega, tau, x, z = evaluated(mirror)
+    omega, tau, x, z = omega_and_rays(mirror)
     height = z - (R - x) / np.tan(omega)
     centre = -R / np.tan(np.radians(low))
     np.testing.assert_allclose((height - centre) / (height[-1] - centre), tau, rtol=1e-9)
@@ -136,7 +136,7 @@ def test_cylinder_mapping_to_scale(low, high, R, theta):
 
 
 @pytest.mark.parametrize(
-    ("mirror", "most"),
+    ("mirror", "max_terms"),
     [
         (GroundPlane(89.9, 12.0, M, plane_distance_mm=800.0), 65),
         (GroundPlane(89.99, 0.0, M, plane_distance_mm=800.0), 65),
@@ -144,11 +144,11 @@ def test_cylinder_mapping_to_scale(low, high, R, theta):
     ],
     ids=["ground plane", "far ground plane", "cylinder"],
 )
-def test_concentrated_field_needs_few_terms(mirror, most):
+def test_concentrated_field_needs_few_terms(mirror, max_terms):
     """A design evaluates hundreds of mirrors: 513 terms, and the equations of 512 nodes, took 1
     minute."""
     size = np.abs(mirror._solution.series.coef)
-    assert len(size) <= most
+    assert len(size) <= max_terms
     assert size[-4:].max() <= 1e-15 * size.max()
 
 
@@ -174,8 +174,8 @@ def test_closed_forms_match_quadrature():
         quadrature = PerspectiveMeridian.solve(mirror._omega, mirror._domega, mirror._theta_max)
         assert mirror.design_distance == pytest.approx(quadrature.distance, rel=1e-12)
         x = np.linspace(0, 1, 50)
-        for ours, theirs in zip(mirror.profile(x), quadrature.profile(x), strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+        for closed_form, expected in zip(mirror.profile(x), quadrature.profile(x), strict=True):
+            np.testing.assert_allclose(closed_form, expected, rtol=1e-12, atol=1e-15)
 
 
 def test_orthographic_mappings_are_conics():
@@ -187,8 +187,8 @@ def test_orthographic_mappings_are_conics():
         (UnitAspect(135.0, 0.0, M), paraboloid),
         (Conformal(135.0, 0.0, M), paraboloid),
     ):
-        for ours, theirs in zip(mirror.profile(x), conic.profile(x), strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-15)
+        for closed_form, expected in zip(mirror.profile(x), conic.profile(x), strict=True):
+            np.testing.assert_allclose(closed_form, expected, rtol=1e-12, atol=1e-15)
     k = np.radians(135) / M  # Eq. 22 with the corrected sign
     np.testing.assert_allclose(
         Equidistant(135.0, 0.0, M).sag(x), -2 / k * np.log(np.cos(k * x / 2)), rtol=1e-12
@@ -208,21 +208,21 @@ def test_finite_distances_converge_to_distant():
 
 @pytest.mark.parametrize("theta", [12.0, 0.0])
 @pytest.mark.parametrize("cls", [Equidistant, Equiangular, Equiareal])
-def test_central_field_gap_gives_pointed_mirror(cls, theta):
+def test_central_field_gap_yields_pointed_mirror(cls, theta):
     """The field starts at 30 deg, obscured below by the camera: the mapping distributes it over the
     whole image."""
     mirror = cls(135.0, theta, M, omega_min_deg=30.0)
-    omega, tau, _, _ = evaluated(mirror)
+    omega, tau, _, _ = omega_and_rays(mirror)
     low = np.radians(30)
     if cls is Equiareal:
-        wanted = np.sqrt((np.cos(low) - np.cos(omega)) / (np.cos(low) - np.cos(omega[-1])))
+        expected = np.sqrt((np.cos(low) - np.cos(omega)) / (np.cos(low) - np.cos(omega[-1])))
     elif cls is Equidistant or theta == 0:
-        wanted = (omega - low) / (omega[-1] - low)
+        expected = (omega - low) / (omega[-1] - low)
     else:
-        wanted = np.tan((omega - low) / (omega[-1] - low) * np.radians(theta)) / np.tan(
+        expected = np.tan((omega - low) / (omega[-1] - low) * np.radians(theta)) / np.tan(
             np.radians(theta)
         )
-    np.testing.assert_allclose(tau, wanted, rtol=1e-9)
+    np.testing.assert_allclose(tau, expected, rtol=1e-9)
     assert mirror.is_pointed
     assert np.isfinite(om.best_focus(sensor_of(mirror)).value)
 
@@ -232,7 +232,7 @@ def test_central_field_gap_gives_pointed_mirror(cls, theta):
     theta=st.floats(1, 40),
     cls=st.sampled_from([Equidistant, Equiangular, Conformal, UnitAspect, Equiareal]),
 )
-def test_reachable_fields_are_met(omega, theta, cls):
+def test_reachable_fields_are_attained(omega, theta, cls):
     if not theta + 2 < omega < 178 - theta:
         return
     mirror = cls(omega, theta, M)
@@ -240,20 +240,20 @@ def test_reachable_fields_are_met(omega, theta, cls):
     assert np.degrees(meridian.omega_max) == pytest.approx(omega, rel=1e-10)
     assert np.degrees(meridian.theta_max) == pytest.approx(theta, rel=1e-10)
     rays = meridian.trace(np.linspace(0.01, 1, 40) * M)
-    found = mirror.mapping(rays.x / rays.w / np.tan(np.radians(theta)))[0]
-    np.testing.assert_allclose(found, rays.omega, rtol=1e-10)
+    mapped = mirror.mapping(rays.x / rays.w / np.tan(np.radians(theta)))[0]
+    np.testing.assert_allclose(mapped, rays.omega, rtol=1e-10)
 
 
 # -- user-defined mapping --------------------------------------------------------------------------
 
 
-def test_mapping_function_gives_mirror():
+def test_mapping_function_defines_mirror():
     def height(omega):
         return omega - 0.12 * np.sin(omega)
 
     for theta in (12.0, 0.0):
         mirror = TabulatedMapping.from_function(height, 140.0, theta, M)
-        omega, tau, _, _ = evaluated(mirror)
+        omega, tau, _, _ = omega_and_rays(mirror)
         np.testing.assert_allclose(tau, height(omega) / height(omega[-1]), rtol=1e-9)
         assert parse_sensor(format_sensor(sensor_of(mirror))).mirror == mirror
 
@@ -262,12 +262,12 @@ def test_mapping_file_relative_to_sensor_file(tmp_path):
     omega = np.linspace(20, 120, 51)
     rows = "\n".join(f"{o},{3 * (o - 20)}" for o in omega)
     (tmp_path / "mapping.csv").write_text(f"omega_deg,height\n{rows}\n")
-    wanted = Equidistant(120.0, 10.0, M, omega_min_deg=20.0)
+    expected = Equidistant(120.0, 10.0, M, omega_min_deg=20.0)
     sensor = om.Sensor(
-        wanted,
+        expected,
         Perspective(11.6, 4.0, 210.0),
         Imager(1024, 1024, 5.2),
-        mirror_distance_mm=wanted.design_distance,
+        mirror_distance_mm=expected.design_distance,
     )
     text = format_sensor(sensor).replace(
         '"equidistant"', '"tabulated-mapping"\nmapping_csv = "mapping.csv"'
@@ -277,7 +277,7 @@ def test_mapping_file_relative_to_sensor_file(tmp_path):
     mirror = om.load_sensor(tmp_path / "s.toml").mirror
     assert mirror.KIND == "tabulated-mapping"
     np.testing.assert_allclose(
-        mirror.sag(np.linspace(0, M, 9)), wanted.sag(np.linspace(0, M, 9)), rtol=1e-11, atol=1e-12
+        mirror.sag(np.linspace(0, M, 9)), expected.sag(np.linspace(0, M, 9)), rtol=1e-11, atol=1e-12
     )
     (tmp_path / "s.toml").write_text(text.replace("mapping_csv", "height = [0.0]\nmapping_csv"))
     with pytest.raises(OmnimirrorError, match="mapping_csv must not be combined with height"):
@@ -362,15 +362,15 @@ def test_profile_evaluates_mapping_once(mirror):
     mapping itself."""
     calls = []
     smooth = mirror._meridian
-    counted = PerspectiveMeridian(
+    mirror_with_count = PerspectiveMeridian(
         lambda theta: calls.append("angle_and_height") or smooth.angle_and_height(theta),
         lambda theta: calls.append("field_and_height") or smooth.field_and_height(theta),
         smooth.theta_max,
     )
     x = np.sort(np.random.default_rng(4).uniform(0, 1, 500))
-    counted.profile(x)  # with its table
+    mirror_with_count.profile(x)  # with its table
     calls.clear()
-    z, slope, _ = counted.profile(x)
+    z, slope, _ = mirror_with_count.profile(x)
     assert calls == ["field_and_height"]
-    theta = np.arctan2(x, counted.distance + z)
+    theta = np.arctan2(x, mirror_with_count.distance + z)
     assert np.abs(np.arctan(slope) - (smooth.angle_and_height(theta)[0] - theta) / 2).max() < 1e-14

@@ -17,7 +17,7 @@ from omnimirror.optics.tracing.meridian import Meridian, first_non_increasing_x
 R, M = 50.0, 43.905
 SENSOR = replace(om.load_sensor("paper-spherical"), mirror=Sphere(R, M))
 OMEGA = np.array([0.0, 15.0, 60.0, 100.0, 125.0, 134.0])
-TRUE = om.evaluate(SENSOR, OMEGA)
+EXPECTED = om.evaluate(SENSOR, OMEGA)
 
 
 def points(step):
@@ -25,8 +25,8 @@ def points(step):
     return x, R - np.sqrt(R * R - x * x)
 
 
-def sensor_of(x, z, **how):
-    return replace(SENSOR, mirror=SampledProfile(tuple(x), tuple(z), M, **how))
+def sensor_of(x, z, **options):
+    return replace(SENSOR, mirror=SampledProfile(tuple(x), tuple(z), M, **options))
 
 
 def noise(n, seed):
@@ -62,12 +62,12 @@ def test_noise_estimated_and_smoothed(step, scatter_nm, resolution, blur_px, h_p
     x, z = points(step)
     sensor = sensor_of(x, z + scatter_nm * 1e-6 * noise(len(x), seed))
     assert sensor.mirror.fit.uncertainty_mm * 1e6 == pytest.approx(scatter_nm, rel=0.15)
-    found = om.evaluate(sensor, OMEGA)
+    evaluation = om.evaluate(sensor, OMEGA)
     np.testing.assert_allclose(
-        found.dh_domega_px_per_deg, TRUE.dh_domega_px_per_deg, rtol=resolution
+        evaluation.dh_domega_px_per_deg, EXPECTED.dh_domega_px_per_deg, rtol=resolution
     )
-    np.testing.assert_allclose(found.blur_t_px, TRUE.blur_t_px, atol=blur_px)
-    np.testing.assert_allclose(found.h_px, TRUE.h_px, atol=h_px)
+    np.testing.assert_allclose(evaluation.blur_t_px, EXPECTED.blur_t_px, atol=blur_px)
+    np.testing.assert_allclose(evaluation.h_px, EXPECTED.h_px, atol=h_px)
 
 
 def test_rounded_heights_noise_estimate():
@@ -75,27 +75,31 @@ def test_rounded_heights_noise_estimate():
     x, z = points(0.5)
     sensor = sensor_of(x, np.round(z, 3))
     assert sensor.mirror.fit.uncertainty_mm == pytest.approx(1e-3 / np.sqrt(12), rel=0.25)
-    found = om.evaluate(sensor, OMEGA)
-    np.testing.assert_allclose(found.dh_domega_px_per_deg, TRUE.dh_domega_px_per_deg, rtol=0.02)
+    evaluation = om.evaluate(sensor, OMEGA)
+    np.testing.assert_allclose(
+        evaluation.dh_domega_px_per_deg, EXPECTED.dh_domega_px_per_deg, rtol=0.02
+    )
 
 
-@pytest.mark.parametrize("off_nm", [5.0, 1000.0, -300.0])
-@pytest.mark.parametrize("place", [0, 3, 700, 2190])
-def test_outlier_among_exact_points_rejected(off_nm, place):
+@pytest.mark.parametrize("error_nm", [5.0, 1000.0, -300.0])
+@pytest.mark.parametrize("index", [0, 3, 700, 2190])
+def test_outlier_among_exact_points_rejected(error_nm, index):
     """5 nm at 20 um spacing caused resolutions of -1865 to 3110 px/deg without rejection."""
     x, z = points(0.02)
-    z[place] += off_nm * 1e-6
+    z[index] += error_nm * 1e-6
     sensor = sensor_of(x, z)
-    assert sensor.mirror.outliers == (place,)
-    found = om.evaluate(sensor, OMEGA)
-    np.testing.assert_allclose(found.dh_domega_px_per_deg, TRUE.dh_domega_px_per_deg, rtol=1e-6)
+    assert sensor.mirror.outliers == (index,)
+    evaluation = om.evaluate(sensor, OMEGA)
+    np.testing.assert_allclose(
+        evaluation.dh_domega_px_per_deg, EXPECTED.dh_domega_px_per_deg, rtol=1e-6
+    )
 
 
 def test_outliers_among_noisy_points_rejected():
     x, z = points(0.1)
     z = z + 1e-5 * noise(len(x), 4)
-    for i, off in ((20, 2e-4), (200, -1e-3), (201, -1e-3), (430, 5e-4)):
-        z[i] += off
+    for i, deviation in ((20, 2e-4), (200, -1e-3), (201, -1e-3), (430, 5e-4)):
+        z[i] += deviation
     assert sensor_of(x, z).mirror.outliers == (20, 200, 201, 430)
 
 
@@ -107,12 +111,12 @@ def test_specified_uncertainty_used_or_rejected():
     ).fit.uncertainty_mm == pytest.approx(5e-5, 0.1)
     with pytest.raises(InvalidParameter, match=r"scatter by 0.0\d+ um .* got 0.001"):
         SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.001)
-    met = SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.0)
-    np.testing.assert_allclose(met.sag(x[:-1]), (noisy - noisy[0])[:-1], atol=1e-12)
+    exact = SampledProfile(tuple(x), tuple(noisy), M, uncertainty_um=0.0)
+    np.testing.assert_allclose(exact.sag(x[:-1]), (noisy - noisy[0])[:-1], atol=1e-12)
     with pytest.raises(
         NotOneToOne, match=r"must be less than .*, where the field angle .* stops increasing"
     ):
-        om.evaluate(replace(SENSOR, mirror=met))
+        om.evaluate(replace(SENSOR, mirror=exact))
 
 
 def test_standard_deviations_match_repeated_measurements():
@@ -128,18 +132,18 @@ def test_standard_deviations_match_repeated_measurements():
         "floored_area_deg2",
     )
     omega = OMEGA[1:]
-    runs, stated = [], []
+    runs, sigmas = [], []
     for seed in range(24):
         result = om.evaluate(sensor_of(x, z + 2e-4 * noise(len(x), seed)), omega)
         runs.append(result)
         if seed < 8:
-            stated.append(result.standard_deviations())
+            sigmas.append(result.standard_deviations())
     true = om.evaluate(SENSOR, omega)
     for name in columns:
         errors = np.sqrt(
             np.mean([(getattr(r, name) - getattr(true, name)) ** 2 for r in runs], axis=0)
         )
-        ratio = errors / np.median([s[name] for s in stated], axis=0)
+        ratio = errors / np.median([s[name] for s in sigmas], axis=0)
         assert (ratio > 0.6).all(), name
         assert (ratio < 2.5).all(), name
         assert 0.8 < np.median(ratio) < 1.5, name
@@ -159,15 +163,15 @@ def test_files_contain_standard_deviations(tmp_path):
 
     x, z = points(0.1)
     result = om.evaluate(sensor_of(x, z + 1e-5 * noise(len(x), 6)), OMEGA)
-    found = result.standard_deviations()
+    sigmas = result.standard_deviations()
     result.to_json(tmp_path / "a.json")
     result.to_csv(tmp_path / "a.csv", deviations=True)
-    written = json.loads((tmp_path / "a.json").read_text())["standard_deviations"]
-    np.testing.assert_array_equal(written["blur_t_px"], found["blur_t_px"])
+    report = json.loads((tmp_path / "a.json").read_text())["standard_deviations"]
+    np.testing.assert_array_equal(report["blur_t_px"], sigmas["blur_t_px"])
     table = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
-    np.testing.assert_array_equal(table["blur_t_px_sd"], found["blur_t_px"])
-    assert found["omega_deg"].max() == 0
-    assert 0 < found["dh_domega_px_per_deg"].max() < 0.01
+    np.testing.assert_array_equal(table["blur_t_px_sd"], sigmas["blur_t_px"])
+    assert sigmas["omega_deg"].max() == 0
+    assert 0 < sigmas["dh_domega_px_per_deg"].max() < 0.01
 
 
 @pytest.mark.parametrize("m", [180.0, np.inf])
@@ -180,8 +184,8 @@ def test_ripple_between_nodes_detected(m):
     at = np.linspace(node - 0.05, node + 0.05, 20001)
     rays_curvature = mirror.curvature(at)
     assert rays_curvature.min() < 0 < mirror.curvature(np.linspace(0, 41, 1025)).min()
-    found = first_non_increasing_x(mirror, m)
-    assert found == pytest.approx(node + 0.02, abs=0.03)
+    position = first_non_increasing_x(mirror, m)
+    assert position == pytest.approx(node + 0.02, abs=0.03)
     with pytest.raises(NotOneToOne, match=r"less than 20\.5"):
         Meridian(mirror, m).omega_max  # noqa: B018
 
@@ -202,8 +206,8 @@ def test_monotonicity_proof_matches_fine_scan(m):
             else 2 * curvature * ((m + z) ** 2 + at**2) + (m + z - at * slope) * (1 + slope**2)
         )
         falls = growth < 0
-        found = first_non_increasing_x(mirror, m)
-        assert (found is None) == (not falls.any())
+        position = first_non_increasing_x(mirror, m)
+        assert (position is None) == (not falls.any())
 
 
 def test_monotonicity_proof_only_for_polynomials():
@@ -214,6 +218,6 @@ def test_monotonicity_proof_only_for_polynomials():
 def test_uncertainty_in_sensor_file():
     x, z = points(0.5)
     sensor = sensor_of(x, z + 1e-3 * noise(len(x), 8), uncertainty_um=1.0)
-    again = parse_sensor(format_sensor(sensor))
-    assert again == sensor
+    parsed = parse_sensor(format_sensor(sensor))
+    assert parsed == sensor
     assert "uncertainty_um" not in format_sensor(sensor_of(x, z))

@@ -122,13 +122,13 @@ def surfaces(sensor):
         x, y, z = turn.T @ (p - moved)
         return z - float(sensor.mirror.sag(np.hypot(x, y)))
 
-    lean = turning(shell.tilt_x_deg, shell.tilt_y_deg)
+    rotation = turning(shell.tilt_x_deg, shell.tilt_y_deg)
     shift = np.array([shell.decentre_x_mm, shell.decentre_y_mm, 0.0])
     wall = MATERIALS[shell.material].index_d if shell.material else shell.refractive_index
     around = MATERIALS[shell.medium].index_d if shell.medium else shell.medium_index
 
     def pane(height):
-        return lambda p: height - (lean.T @ (p - shift))[2]
+        return lambda p: height - (rotation.T @ (p - shift))[2]
 
     if isinstance(shell, FlatWindow):
         return (
@@ -140,7 +140,7 @@ def surfaces(sensor):
 
     def side(radius, centre):
         def inside_out(p):
-            x, y, z = lean.T @ (p - shift)
+            x, y, z = rotation.T @ (p - shift)
             return (
                 np.hypot(x, y) - radius
                 if isinstance(shell, Tube)
@@ -150,47 +150,51 @@ def surfaces(sensor):
         return inside_out
 
     centre = 0.0 if isinstance(shell, Tube) else shell.centre_mm
-    raised = 0.0 if isinstance(shell, Tube) else shell.inner_shift_mm
+    lift = 0.0 if isinstance(shell, Tube) else shell.inner_shift_mm
     return (
         mirror,
-        (side(outer - shell.wall_mm, centre + raised), wall),
+        (side(outer - shell.wall_mm, centre + lift), wall),
         (side(outer, centre), around),
     )
 
 
-def meet(surface, start, way, first, last):
+def intersection(surface, start, direction, first, last):
     """Return the first point of a ray at which a function changes sign from negative."""
     steps = np.linspace(first, last, 801)
-    i = next(i for i, s in enumerate(steps) if surface(start + s * way) > 0)
+    i = next(i for i, s in enumerate(steps) if surface(start + s * direction) > 0)
     assert i > 0
-    place = (
+    position = (
         start
-        + brentq(lambda s: surface(start + s * way), steps[i - 1], steps[i], xtol=1e-13, rtol=1e-15)
-        * way
+        + brentq(
+            lambda s: surface(start + s * direction), steps[i - 1], steps[i], xtol=1e-13, rtol=1e-15
+        )
+        * direction
     )
-    normal = np.array([surface(place + 1e-4 * e) - surface(place - 1e-4 * e) for e in np.eye(3)])
-    return place, normal / np.linalg.norm(normal)
+    normal = np.array(
+        [surface(position + 1e-4 * e) - surface(position - 1e-4 * e) for e in np.eye(3)]
+    )
+    return position, normal / np.linalg.norm(normal)
 
 
-def traced(sensor, start, way):
+def traced(sensor, start, direction):
     """Return the exit point and direction of a ray from the lens behind the cover."""
     mirror, *walls = surfaces(sensor)
-    place, normal = meet(mirror, start, way, 1e-3, 3 * np.linalg.norm(start) + 50)
-    way = way - 2 * (way @ normal) * normal
+    position, normal = intersection(mirror, start, direction, 1e-3, 3 * np.linalg.norm(start) + 50)
+    direction = direction - 2 * (direction @ normal) * normal
     index = 1.0
     for surface, behind in walls:
-        place, normal = meet(surface, place, way, 1e-6, 1000.0)
-        across = (way - (way @ normal) * normal) * index / behind
-        way, index = across + np.sqrt(1 - across @ across) * normal, behind
-    return place, way
+        position, normal = intersection(surface, position, direction, 1e-6, 1000.0)
+        across = (direction - (direction @ normal) * normal) * index / behind
+        direction, index = across + np.sqrt(1 - across @ across) * normal, behind
+    return position, direction
 
 
 def lens_ray(sensor, pixel):
     image = (np.asarray(pixel) - 511.5) * sensor.imager.pixel_pitch_um * 1e-3
     if sensor.lens.TELECENTRIC:
         return np.array([*(image / sensor.lens.magnification), -30.0]), np.array([0.0, 0.0, 1.0])
-    way = np.array([*image, sensor.lens.image_distance])
-    return np.array([0.0, 0.0, -sensor.mirror_distance_mm]), way / np.linalg.norm(way)
+    direction = np.array([*image, sensor.lens.image_distance])
+    return np.array([0.0, 0.0, -sensor.mirror_distance_mm]), direction / np.linalg.norm(direction)
 
 
 def truth(sensor, pixel):
@@ -205,15 +209,17 @@ def test_covered_sensor_projection_round_trip(name):
     origins, directions, valid = sensor.backproject(pixels)
     assert valid.all()
     for pixel, origin, direction in zip(pixels, origins, directions, strict=True):
-        place, way = truth(sensor, pixel)
-        there, towards = turn.T @ origin, turn.T @ direction
-        assert np.linalg.norm(towards - way) < 2e-9
-        assert np.linalg.norm(there - place) < 1e-6
-        points = np.array([turn @ (place + s * way) for s in (30.0, 5000.0)])
-        seen = sensor.project(points)
-        assert seen.valid.all()
-        assert np.abs(seen.pixels - pixel).max() < 1e-5
-        assert np.abs(sensor.project_directions([turn @ way]).pixels - pixel).max() < 1e-5
+        exit_point, exit_direction = truth(sensor, pixel)
+        origin_in_mirror, direction_in_mirror = turn.T @ origin, turn.T @ direction
+        assert np.linalg.norm(direction_in_mirror - exit_direction) < 2e-9
+        assert np.linalg.norm(origin_in_mirror - exit_point) < 1e-6
+        points = np.array([turn @ (exit_point + s * exit_direction) for s in (30.0, 5000.0)])
+        projection = sensor.project(points)
+        assert projection.valid.all()
+        assert np.abs(projection.pixels - pixel).max() < 1e-5
+        assert (
+            np.abs(sensor.project_directions([turn @ exit_direction]).pixels - pixel).max() < 1e-5
+        )
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="nothing is compiled here")
@@ -225,48 +231,50 @@ def test_compiled_solution_needs_one_verification_ray(monkeypatch: pytest.Monkey
     sensor, traced = covered(name), []
     pixels = 511.5 + 300 * np.random.default_rng(5).uniform(-1, 1, (2000, 2))
     rays = sensor.backproject(pixels)
-    sees, counted = rays.valid, covered_mirror.shell_exit
+    is_valid, shell_exit = rays.valid, covered_mirror.shell_exit
     monkeypatch.setattr(
         covered_mirror,
         "shell_exit",
-        lambda shell, p, d: traced.append(len(p)) or counted(shell, p, d),
+        lambda shell, p, d: traced.append(len(p)) or shell_exit(shell, p, d),
     )
-    found = sensor.project_directions(rays.directions[sees])
-    assert found.valid.all()
-    np.testing.assert_allclose(found.pixels, pixels[sees], atol=1e-6)
-    assert sees.sum() > 1000
-    assert sum(traced) < 1.5 * sees.sum()
+    projection = sensor.project_directions(rays.directions[is_valid])
+    assert projection.valid.all()
+    np.testing.assert_allclose(projection.pixels, pixels[is_valid], atol=1e-6)
+    assert is_valid.sum() > 1000
+    assert sum(traced) < 1.5 * is_valid.sum()
 
 
-STARTS = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {
+START_CASES = {name: covered(name) for name in ("tilted tube", "decentred dome")} | {
     "bare": replace(HYP, mirror_pose=MirrorPose(1.0, -0.6, 0.4, 0.5, -0.8)),
     "seen in a second mirror": om.load_sensor("folded-hyperboloidal"),
 }
 
 
-@pytest.mark.parametrize("name", STARTS)
+@pytest.mark.parametrize("name", START_CASES)
 def test_ray_origins_match_image_rays(name):
     """Solved from outside, and traced from inside."""
-    train = STARTS[name].optical_train
-    towards = np.random.default_rng(9).normal(size=(900, 3))
-    image, start = train.image_and_start_of(RayEndpoints.of(towards, distant=True))
-    seen = np.isfinite(image[:, 0])
-    assert seen.sum() > 200
-    found = train.effective_mirror.trace(*train.rays_of_image(image[seen], np.zeros(2)))
-    assert np.abs(found.points - start[seen]).max() < 1e-7
+    train = START_CASES[name].optical_train
+    directions = np.random.default_rng(9).normal(size=(900, 3))
+    image, start = train.image_and_start_of(RayEndpoints.of(directions, distant=True))
+    is_visible = np.isfinite(image[:, 0])
+    assert is_visible.sum() > 200
+    reflection = train.effective_mirror.trace(*train.rays_of_image(image[is_visible], np.zeros(2)))
+    assert np.abs(reflection.points - start[is_visible]).max() < 1e-7
 
 
-POINTED = replace(SPH, mirror=SlopeSpline((0.2, 0.42, 0.7, 1.1, 1.9), 44.0))
+POINTED_SENSOR = replace(SPH, mirror=SlopeSpline((0.2, 0.42, 0.7, 1.1, 1.9), 44.0))
 SEARCHED = {
     name: covered(name) for name in (*MISALIGNED, "dome of two centres", "telecentric dome")
 } | {
     "pointed, tube in water": replace(
-        POINTED,
+        POINTED_SENSOR,
         housing=Housing(shell=Tube(120.0, medium="water")),
         mirror_pose=MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5),
     ),
     "pointed, dome": replace(
-        POINTED, housing=Housing(shell=Dome()), mirror_pose=MirrorPose(1.5, 1.0, 0.0, 2.0, 1.0)
+        POINTED_SENSOR,
+        housing=Housing(shell=Dome()),
+        mirror_pose=MirrorPose(1.5, 1.0, 0.0, 2.0, 1.0),
     ),
 }
 
@@ -275,17 +283,17 @@ SEARCHED = {
 @pytest.mark.parametrize("name", SEARCHED)
 def test_kernels_match_numpy(monkeypatch: pytest.MonkeyPatch, name):
     """Near and far targets all around; if a kernel does not converge, NumPy does not either."""
-    towards = np.random.default_rng(6).normal(size=(1500, 3))
-    towards /= np.linalg.norm(towards, axis=1)[:, None]
-    near = towards * np.random.default_rng(7).uniform(400, 4000, (1500, 1))
+    directions = np.random.default_rng(6).normal(size=(1500, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    near = directions * np.random.default_rng(7).uniform(400, 4000, (1500, 1))
 
-    def seen():
+    def evaluate():
         sensor = replace(SEARCHED[name])
-        return sensor.project_directions(towards), sensor.project(near)
+        return sensor.project_directions(directions), sensor.project(near)
 
-    by_kernels = seen()
+    by_kernels = evaluate()
     monkeypatch.setattr(covered_mirror.CoveredMirror, "_is_compiled", False)
-    for compiled, plain in zip(by_kernels, seen(), strict=True):
+    for compiled, plain in zip(by_kernels, evaluate(), strict=True):
         assert compiled.valid.sum() > (200 if "window" in name else 700)
         both = compiled.valid & plain.valid
         np.testing.assert_allclose(compiled.pixels[both], plain.pixels[both], atol=1e-8)
@@ -301,8 +309,8 @@ def test_pointed_mirror_tip_projection(name):
     pixels = sensor.imager.centre + 30 * about / np.linalg.norm(about, axis=1)[:, None]
     rays = sensor.backproject(pixels)
     assert rays.valid.sum() > 200
-    found = sensor.project_directions(rays.directions[rays.valid])
-    assert np.abs(found.pixels - pixels[rays.valid]).max() < 1e-5
+    projection = sensor.project_directions(rays.directions[rays.valid])
+    assert np.abs(projection.pixels - pixels[rays.valid]).max() < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -322,29 +330,40 @@ def test_virtual_images_behind_cover_match_rays(name, distance):
     sensor = covered(name)
     h = 260.0 if "window" in name else 330.0
     table = om.evaluate(sensor, h_px=[h], object_distance_mm=distance)
-    start, way = lens_ray(sensor, [511.5 + h, 511.5])
-    place, out = traced(sensor, start, way)
-    bounce = meet(surfaces(sensor)[0], start, way, 1e-3, 400.0)[0]
+    start, chief_direction = lens_ray(sensor, [511.5 + h, 511.5])
+    chief_exit, out = traced(sensor, start, chief_direction)
+    bounce = intersection(surfaces(sensor)[0], start, chief_direction, 1e-3, 400.0)[0]
     mirror, *walls = surfaces(sensor)
-    normal = meet(mirror, start, way, 1e-3, 400.0)[1]
-    met = meet(walls[0][0], bounce, way - 2 * (way @ normal) * normal, 1e-6, 1000.0)[0]
-    inside = np.linalg.norm(met - bounce) + np.linalg.norm(place - met)
-    target = place + (distance - inside) * out if np.isfinite(distance) else None
+    normal = intersection(mirror, start, chief_direction, 1e-3, 400.0)[1]
+    wall_point = intersection(
+        walls[0][0], bounce, chief_direction - 2 * (chief_direction @ normal) * normal, 1e-6, 1000.0
+    )[0]
+    inside = np.linalg.norm(wall_point - bounce) + np.linalg.norm(chief_exit - wall_point)
+    target = chief_exit + (distance - inside) * out if np.isfinite(distance) else None
 
-    def miss(across, eye):
-        aim = np.array([*(way[:2] / way[2] + across), 1.0])
-        left, towards = traced(sensor, eye, aim / np.linalg.norm(aim))
-        wanted = out if target is None else (target - left) / np.linalg.norm(target - left)
-        return (towards - wanted)[[0, 1] if abs(out[2]) > 0.5 else [1, 2]]
+    def direction_error(across, pupil):
+        direction = np.array([*(chief_direction[:2] / chief_direction[2] + across), 1.0])
+        exit_point, exit_direction = traced(sensor, pupil, direction / np.linalg.norm(direction))
+        expected = (
+            out if target is None else (target - exit_point) / np.linalg.norm(target - exit_point)
+        )
+        return (exit_direction - expected)[[0, 1] if abs(out[2]) > 0.5 else [1, 2]]
 
-    for axis, told in ((0, table.distance_t_mm), (1, table.distance_s_mm)):
+    for axis, distances in ((0, table.distance_t_mm), (1, table.distance_s_mm)):
         step = 0.02 * np.eye(3)[axis]
         aims = []
         for side in (1, -1):
-            eye = start + side * step
-            begin = -side * 0.02 / told[0] * np.eye(2)[axis]
-            aims.append(root(miss, begin, (eye,), options={"xtol": 1e-10, "eps": 1e-9}).x[axis])
-        assert 2 * 0.02 / (aims[1] - aims[0]) == pytest.approx(told[0], rel=3e-5)
+            pupil_point = start + side * step
+            initial_aim = -side * 0.02 / distances[0] * np.eye(2)[axis]
+            aims.append(
+                root(
+                    direction_error,
+                    initial_aim,
+                    (pupil_point,),
+                    options={"xtol": 1e-10, "eps": 1e-9},
+                ).x[axis]
+            )
+        assert 2 * 0.02 / (aims[1] - aims[0]) == pytest.approx(distances[0], rel=3e-5)
 
 
 @pytest.mark.parametrize(
@@ -370,9 +389,9 @@ def test_views_and_images_use_equal_rays(name):
     both = np.isfinite(quick).all(axis=-1) & np.isfinite(exact).all(axis=-1)
     assert both.mean() > 0.5
     assert np.abs(quick - exact)[both].max() < 5e-3
-    looks, pictured = sensor.backproject(PIXELS), trace_pixels(sensor, PIXELS)
-    np.testing.assert_allclose(pictured.directions, looks.directions, atol=1e-12)
-    np.testing.assert_allclose(pictured.origins, looks.origins, atol=1e-9)
+    view_rays, image_rays = sensor.backproject(PIXELS), trace_pixels(sensor, PIXELS)
+    np.testing.assert_allclose(image_rays.directions, view_rays.directions, atol=1e-12)
+    np.testing.assert_allclose(image_rays.origins, view_rays.origins, atol=1e-9)
 
 
 def test_water_tube_field_starts_at_base():
@@ -430,11 +449,11 @@ def test_invalid_covers_rejected():
         om.evaluate(covered("dome"), [90.0], object_distance_mm=20.0)
     with pytest.raises(InvalidParameter, match="the cover of 'paper-spherical' must be aligned"):
         om.evaluate(covered("tilted tube"))
-    kept_in = Dome(
+    enclosed = Dome(
         1040.0, 240.0, 2.4, centre_mm=-240.0, inner_shift_mm=235.0
     )  # 240/520 of the radius, times 2.4
     with pytest.raises(SelfObstruction, match="are totally reflected at its outer surface"):
-        om.evaluate(replace(SPH, housing=Housing(shell=kept_in)))
+        om.evaluate(replace(SPH, housing=Housing(shell=enclosed)))
 
 
 # -- materials ----------------------------------------------------------------------------------------------
@@ -444,15 +463,15 @@ def sellmeier(*terms):
     return lambda um: np.sqrt(1 + sum(b * um**2 / (um**2 - c) for b, c in terms))
 
 
-def quan_fry(salt, t=20.0):
+def quan_fry(salinity, t=20.0):
     def n(um):
         nm = um * 1e3
-        salty = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * salt
+        salinity_term = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * salinity
         return (
             1.31405
-            + salty
+            + salinity_term
             - 2.02e-6 * t**2
-            + (15.868 + 0.01155 * salt - 0.00423 * t) / nm
+            + (15.868 + 0.01155 * salinity - 0.00423 * t) / nm
             - 4382 / nm**2
             + 1.1455e6 / nm**3
         )
@@ -499,13 +518,17 @@ def test_compiled_walls_match_numpy(name):
     directions[:40] = [[0, 0, 1], [0, 0, -2]] * 20
     directions[40] = 0.0, np.nan, 1.0
     with np.errstate(all="ignore"):
-        ways = [way(shell, points, directions) for way in (shell_exit_compiled, shell_exit_numpy)]
+        exits = [
+            result(shell, points, directions) for result in (shell_exit_compiled, shell_exit_numpy)
+        ]
     for kind in ("meets", "passes"):
-        np.testing.assert_array_equal(*(getattr(way, kind) for way in ways))
-    out = ways[0].passes & ways[0].meets
+        np.testing.assert_array_equal(*(getattr(result, kind) for result in exits))
+    out = exits[0].passes & exits[0].meets
     assert 300 < out.sum() < 2700
-    for one, other in zip(*(way[:5] + way.lengths + way.cosines for way in ways), strict=True):
+    for one, other in zip(
+        *(result[:5] + result.lengths + result.cosines for result in exits), strict=True
+    ):
         np.testing.assert_allclose(one[out], other[out], rtol=0, atol=1e-11)
-    free = ways[0].passes & ~ways[0].meets
-    np.testing.assert_array_equal(ways[0].points[free], points[free])
-    assert not ways[0].lengths[0][free].any()
+    free = exits[0].passes & ~exits[0].meets
+    np.testing.assert_array_equal(exits[0].points[free], points[free])
+    assert not exits[0].lengths[0][free].any()

@@ -64,8 +64,8 @@ def test_dewarp_coordinates_match_mitsuba(mi, name):  # noqa: F811
             {"type": "scene", "s": shape(shell, outer, centres[1], shell.index, shell.outer_index)}
         ),
     ]
-    chance = np.random.default_rng(4)
-    reach, turn = np.sqrt(chance.uniform(0.15, 0.98, 60)), chance.uniform(0, 2 * np.pi, 60)
+    random = np.random.default_rng(4)
+    reach, turn = np.sqrt(random.uniform(0.15, 0.98, 60)), random.uniform(0, 2 * np.pi, 60)
     pixels = 511.5 + sensor.rim_radius_px * (reach * [np.cos(turn), np.sin(turn)]).T
     pixels = pixels[(np.abs(pixels - 511.5) < 511).all(axis=1)]
     to_world = sensor.mount.rotation()
@@ -73,11 +73,13 @@ def test_dewarp_coordinates_match_mitsuba(mi, name):  # noqa: F811
     for pixel, origin, direction in zip(pixels, *lens_rays(sensor, pixels), strict=True):
         hit = mirror.ray_intersect(mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*direction)))
         n = np.array(hit.n, dtype=float)
-        place, way = np.array(hit.p, dtype=float), direction - 2 * (direction @ n) * n
+        position, direction_out = np.array(hit.p, dtype=float), direction - 2 * (direction @ n) * n
         for side in sides:
-            place, way = let_through(mi, side, place, way)
-        seen = [sensor.project([to_world @ (place + s * way)]) for s in (40.0, 3000.0)]
-        seen.append(sensor.project_directions([to_world @ way]))
-        assert all(found.valid.all() for found in seen)
-        errors += [np.abs(found.pixels - pixel).max() for found in seen]
+            position, direction_out = let_through(mi, side, position, direction_out)
+        projections = [
+            sensor.project([to_world @ (position + s * direction_out)]) for s in (40.0, 3000.0)
+        ]
+        projections.append(sensor.project_directions([to_world @ direction_out]))
+        assert all(projection.valid.all() for projection in projections)
+        errors += [np.abs(projection.pixels - pixel).max() for projection in projections]
     assert max(errors) < WITHIN_PX

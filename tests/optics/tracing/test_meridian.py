@@ -41,9 +41,9 @@ POINTS = [
 
 @pytest.mark.parametrize(("meridian", "x", "h"), POINTS, ids=["SPH", "E-DI", "SVP"])
 def test_near_point_image_matches_high_precision(meridian, x, h):
-    found = meridian.x_from_point([5.0], [0.0])
-    assert found[0] == pytest.approx(x, rel=1e-13)
-    theta = meridian.trace(found).theta[0]
+    x_image = meridian.x_from_point([5.0], [0.0])
+    assert x_image[0] == pytest.approx(x, rel=1e-13)
+    theta = meridian.trace(x_image).theta[0]
     assert 500 * np.tan(theta) / np.tan(np.radians(12)) == pytest.approx(h, rel=1e-12)
 
 
@@ -109,17 +109,17 @@ def test_points_behind_mirror_invalid(meridian):
         (5.0, np.inf),
     ]
     assert np.isnan(meridian.x_from_point(*np.transpose(shadow))).all()
-    seen = [(0.5, sag - 0.01), (0.0, -2.0), (5.0, 0.0), (3.0, 1.5)]
-    assert np.isfinite(meridian.x_from_point(*np.transpose(seen))).all()
+    visible = [(0.5, sag - 0.01), (0.0, -2.0), (5.0, 0.0), (3.0, 1.5)]
+    assert np.isfinite(meridian.x_from_point(*np.transpose(visible))).all()
 
 
 def test_points_outside_field_invalid():
     """Just inside and just outside the ray of the rim."""
     rays = SPH.trace([SPH.mirror.rim_radius_mm])
-    for turn, seen in ((-1e-6, True), (1e-6, False)):
+    for turn, is_visible in ((-1e-6, True), (1e-6, False)):
         omega = rays.omega + turn
         x = SPH.x_from_point(rays.x + 9 * np.sin(omega), rays.z - 9 * np.cos(omega))
-        assert np.isfinite(x[0]) == seen
+        assert np.isfinite(x[0]) == is_visible
 
 
 def test_axial_viewpoint_is_limit():

@@ -108,12 +108,12 @@ def pixels_within(sensor, count):
 def differences(mi, sensor, scene, count):
     """Return the largest and RMS angle (deg) between both, and the largest image difference (px)."""
     pixels = pixels_within(sensor, count)
-    theirs = reflected(mi, scene, *lens_rays(sensor, pixels)) @ sensor.mount.rotation().T
-    assert np.isfinite(theirs).all()
-    ours = sensor.backproject(pixels)
-    assert ours.valid.all()
-    apart = np.degrees(np.linalg.norm(theirs - ours.directions, axis=1))
-    back = sensor.project_directions(theirs).pixels
+    expected = reflected(mi, scene, *lens_rays(sensor, pixels)) @ sensor.mount.rotation().T
+    assert np.isfinite(expected).all()
+    rays = sensor.backproject(pixels)
+    assert rays.valid.all()
+    apart = np.degrees(np.linalg.norm(expected - rays.directions, axis=1))
+    back = sensor.project_directions(expected).pixels
     return apart.max(), np.sqrt(np.mean(apart**2)), np.nanmax(np.hypot(*(back - pixels).T))
 
 
@@ -166,15 +166,15 @@ def test_mesh_refinement_converges(mi, kind, pose, beside):
     """The difference is due to the mesh: it decreases with the squared step down to single
     precision."""
     sensor = replace(sensor_of(kind), mirror_pose=pose)
-    found = [differences(mi, sensor, meshed(mi, sensor, n, 2 * n), 4000) for n in (175, 350, 700)]
-    coarse, middle, fine = (rms for _, rms, _ in found)
+    errors = [differences(mi, sensor, meshed(mi, sensor, n, 2 * n), 4000) for n in (175, 350, 700)]
+    coarse, middle, fine = (rms for _, rms, _ in errors)
     print(
         f"{kind}: worst deg and px on 175, 350, 700 rings:",
-        [(f"{a:.2g}", f"{c:.2g}") for a, _, c in found],
+        [(f"{a:.2g}", f"{c:.2g}") for a, _, c in errors],
     )
     assert middle < coarse / 3
     assert fine < middle / 2
-    worst_deg, _, worst_px = found[-1]
+    worst_deg, _, worst_px = errors[-1]
     beside("Mitsuba 3", DIRECTIONS, worst_deg, WITHIN_DEG, "deg")
     beside("Mitsuba 3", PIXELS, worst_px, WITHIN_PX, "px")
 

@@ -22,14 +22,14 @@ STEPS = np.linspace(0.0, 1.0, 20_001)[1:]
 
 # each housing with its solids written explicitly: discs (height, inner and outer radius), rods
 # (heights, radii)
-BACK = RIM + 5.0
+BACK_EDGE = RIM + 5.0
 HOUSINGS = {
     "camera": (Housing(CameraBody(60.0, height_mm=4.0)), [("camera", LENS + 4.0, 0.0, 30.0)], []),
     "rod": (Housing(rod=Rod(6.0, 2.0, gap_mm=45.0)), [], [("rod", LENS + 45.0, 0.0, 3.0, 1.0)]),
     "wide rod": (Housing(rod=Rod(3.0, 16.0)), [], [("rod", 0.75 * LENS, 0.0, 1.5, 8.0)]),
     "tube": (
         Housing(shell=Tube(130.0)),
-        [("tube's base", LENS, 0.0, 62.0), ("tube's cap", BACK, M, 62.0)],
+        [("tube's base", LENS, 0.0, 62.0), ("tube's cap", BACK_EDGE, M, 62.0)],
         [],
     ),
     "dome": (
@@ -43,7 +43,7 @@ HOUSINGS = {
         [
             ("camera", LENS, 0.0, 35.0),
             ("tube's base", LENS, 0.0, 62.0),
-            ("tube's cap", BACK, M + 3.0, 62.0),
+            ("tube's cap", BACK_EDGE, M + 3.0, 62.0),
             ("rim", RIM, M, M + 3.0),
         ],
         [("rod", LENS + 60.0, 0.0, 2.0, 2.0)],
@@ -51,23 +51,26 @@ HOUSINGS = {
 }
 
 
-def walked(start, towards, length):
+def points_along(start, direction, length):
     """Return points (k, 3) along a ray with a spacing below 0.05 mm."""
-    return start + length * STEPS[:, None] * towards / np.linalg.norm(towards)
+    return start + length * STEPS[:, None] * direction / np.linalg.norm(direction)
 
 
 def crosses(leg, height, inner, outer):
     """Check if points (k, 3) along a ray pass a height between two radii."""
     z, r = leg[:, 2], np.hypot(leg[:, 0], leg[:, 1])
     (at,) = np.nonzero(np.diff(np.sign(z - height)))
-    places = r[at] + (height - z[at]) / (z[at + 1] - z[at]) * (r[at + 1] - r[at])
-    return bool(((inner < places) & (places < outer)).any())
+    radii = r[at] + (height - z[at]) / (z[at + 1] - z[at]) * (r[at + 1] - r[at])
+    return bool(((inner < radii) & (radii < outer)).any())
 
 
-def met(discs, rods, point, out, lens):
+def parts_hit(discs, rods, point, out, lens):
     """Return the names of obstructions between mirror point and lens, or along the exit ray."""
-    legs = walked(point, out, 900.0), walked(point, lens - point, np.linalg.norm(lens - point))
-    found = {name for name, height, inner, outer in discs if crosses(legs[0], height, inner, outer)}
+    legs = (
+        points_along(point, out, 900.0),
+        points_along(point, lens - point, np.linalg.norm(lens - point)),
+    )
+    names = {name for name, height, inner, outer in discs if crosses(legs[0], height, inner, outer)}
     for name, foot, top, low, high in rods:
         for leg in legs:
             inside = (leg[:, 2] > foot) & (leg[:, 2] < top)
@@ -75,11 +78,11 @@ def met(discs, rods, point, out, lens):
             if (inside & (np.hypot(leg[:, 0], leg[:, 1]) < radius)).any() or crosses(
                 leg, foot, 0.0, low
             ):
-                found.add(name)
-    return found
+                names.add(name)
+    return names
 
 
-def marched(sensor, discs, rods, omega_deg):
+def parts_on_path(sensor, discs, rods, omega_deg):
     """Return the obstructions of a field angle of the sensor."""
     rays = sensor.meridian.trace(sensor.meridian.x_from_omega(np.radians([omega_deg])))
     point = np.array([rays.x[0], 0.0, rays.z[0]])
@@ -88,7 +91,7 @@ def marched(sensor, discs, rods, omega_deg):
         rays.x[0], rays.z[0] - LENS
     )  # obscured rays do not reach the wall of a dome
     out = np.array([np.sin(inside), 0.0, -np.cos(inside)])
-    return met(discs, rods, point, out, np.array([0.0, 0.0, LENS]))
+    return parts_hit(discs, rods, point, out, np.array([0.0, 0.0, LENS]))
 
 
 def housed(name):
@@ -102,13 +105,13 @@ def test_obscured_rings_match_marched_rays(name):
     high = sensor.field_deg[1]
     assert {ring.part for ring in sensor.obscurations} == {solid[0] for solid in (*discs, *rods)}
     for omega in np.arange(0.35, high, 2.9):
-        said = {r.part for r in sensor.obscurations if r.omega_deg[0] <= omega <= r.omega_deg[1]}
-        assert said == marched(sensor, discs, rods, omega)
+        parts = {r.part for r in sensor.obscurations if r.omega_deg[0] <= omega <= r.omega_deg[1]}
+        assert parts == parts_on_path(sensor, discs, rods, omega)
     for ring in sensor.obscurations:
-        for edge, way in zip(ring.omega_deg, (1, -1), strict=True):
+        for edge, sign in zip(ring.omega_deg, (1, -1), strict=True):
             if 0.01 < edge < high - 0.01:
-                assert ring.part in marched(sensor, discs, rods, edge + way * EDGE_DEG)
-                assert ring.part not in marched(sensor, discs, rods, edge - way * EDGE_DEG)
+                assert ring.part in parts_on_path(sensor, discs, rods, edge + sign * EDGE_DEG)
+                assert ring.part not in parts_on_path(sensor, discs, rods, edge - sign * EDGE_DEG)
 
 
 @pytest.mark.parametrize("name", HOUSINGS)
@@ -126,34 +129,43 @@ def test_obscured_pixels_match_rings(name):
         np.testing.assert_array_equal(hidden[clear], inside[clear])
 
 
-AWAY = MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6)
-INTO_ROD = replace(AWAY, displacement_mm=-0.7)  # whose end then contains the mirror vertex
+DISPLACED_POSE = MirrorPose(1.5, -1.0, 0.7, 0.4, -0.6)
+INTO_ROD = replace(
+    DISPLACED_POSE, displacement_mm=-0.7
+)  # whose end then contains the mirror vertex
 
 
 @pytest.mark.parametrize(
     ("name", "pose"),
-    few([*((name, AWAY) for name in HOUSINGS), ("wide rod", INTO_ROD)], ("wide rod", INTO_ROD)),
+    few(
+        [*((name, DISPLACED_POSE) for name in HOUSINGS), ("wide rod", INTO_ROD)],
+        ("wide rod", INTO_ROD),
+    ),
 )
 def test_misaligned_obscured_pixels_match_marched_rays(name, pose):
     aligned, discs, rods = housed(name)
     sensor = replace(aligned, mirror_pose=pose)
     pixels = np.random.default_rng(1).uniform(40.0, 983.0, (150, 2))
     pixels = np.concatenate([pixels, 511.5 + np.random.default_rng(2).normal(0.0, 60.0, (100, 2))])
-    start, towards = sensor.lens_rays(pixels, np.zeros(2))
-    rays = sensor.optical_train.posed_mirror.trace(start, towards)
-    said = sensor.obscured_by(pixels)
+    start, lens_directions = sensor.lens_rays(pixels, np.zeros(2))
+    rays = sensor.optical_train.posed_mirror.trace(start, lens_directions)
+    obscured = sensor.obscured_by(pixels)
     count = 0
     for i in np.flatnonzero(rays.valid):
-        mine = [d for d in discs if d[0] == "rim"]
-        found = met(
+        rim_discs = [d for d in discs if d[0] == "rim"]
+        names = parts_hit(
             [d for d in discs if d[0] != "rim"], rods, rays.points[i], rays.directions[i], start[i]
         )
-        there = pose.to_mirror(rays.points[i])
-        found |= met(
-            mine, [], there, pose.rotate_to_mirror(rays.directions[i]), there - [0.0, 0.0, 1.0]
+        mirror_point = pose.to_mirror(rays.points[i])
+        names |= parts_hit(
+            rim_discs,
+            [],
+            mirror_point,
+            pose.rotate_to_mirror(rays.directions[i]),
+            mirror_point - [0.0, 0.0, 1.0],
         )
-        assert {part for part, hidden in said.items() if hidden[i]} == found
-        count += bool(found)
+        assert {part for part, hidden in obscured.items() if hidden[i]} == names
+        count += bool(names)
     assert count > 5
 
 

@@ -34,9 +34,14 @@ def chief_rays(mirror, m, count=2000):
     def around(across, along):
         return np.stack([across * np.cos(phi), across * np.sin(phi), along], axis=-1)
 
-    eyes = np.array([[0.0, 0.0, -m]]) if np.isfinite(m) else around(x, np.full(count, -60.0))
-    seen = around(np.sin(rays.theta), np.cos(rays.theta))
-    return eyes, seen, around(x, rays.z), around(np.sin(rays.omega), -np.cos(rays.omega))
+    pupils = np.array([[0.0, 0.0, -m]]) if np.isfinite(m) else around(x, np.full(count, -60.0))
+    lens_directions = around(np.sin(rays.theta), np.cos(rays.theta))
+    return (
+        pupils,
+        lens_directions,
+        around(x, rays.z),
+        around(np.sin(rays.omega), -np.cos(rays.omega)),
+    )
 
 
 @pytest.mark.parametrize("lens", ["perspective", "orthographic"])
@@ -47,12 +52,14 @@ def test_skew_rays_match_meridian(kind, lens):
         pytest.skip(
             "made for a perspective lens; under an orthographic one a cone sees a single field angle"
         )
-    eyes, seen, points, directions = chief_rays(mirror, m if lens == "perspective" else np.inf)
-    found = _ray_intersection.trace(mirror, eyes, seen)
-    assert found.valid.all()
-    np.testing.assert_allclose(found.points, points, atol=1e-12, rtol=0)
-    np.testing.assert_allclose(found.directions, directions, atol=2e-14, rtol=0)
-    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1.0, atol=1e-15)
+    pupils, lens_directions, points, directions = chief_rays(
+        mirror, m if lens == "perspective" else np.inf
+    )
+    reflection = _ray_intersection.trace(mirror, pupils, lens_directions)
+    assert reflection.valid.all()
+    np.testing.assert_allclose(reflection.points, points, atol=1e-12, rtol=0)
+    np.testing.assert_allclose(reflection.directions, directions, atol=2e-14, rtol=0)
+    np.testing.assert_allclose(np.linalg.norm(reflection.normals, axis=1), 1.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "hyperboloid", "paraboloid", "ellipsoid"])
@@ -60,28 +67,28 @@ def test_iteration_matches_quadratic(kind, monkeypatch):
     """The same conic, once as a quadric and once as a general surface, from arbitrary points."""
     mirror, _ = MIRRORS[kind]
     origins, directions = rays_from_anywhere(mirror, 4000)
-    known = _ray_intersection.intersect(mirror, origins, directions)
+    quadratic = _ray_intersection.intersect(mirror, origins, directions)
     short = _ray_intersection.intersect(mirror, origins, 1e-6 * directions)
     monkeypatch.setattr(_ray_intersection, "Conic", type(None))
     searched = _ray_intersection.intersect(mirror, origins, directions)
-    np.testing.assert_array_equal(known.valid, searched.valid)
-    shortly = _ray_intersection.intersect(mirror, origins, 1e-6 * directions)
-    for hits in (short, shortly):
-        np.testing.assert_allclose(1e-6 * hits.distance, known.distance, rtol=1e-7)
-    assert 0.1 < known.valid.mean() < 0.9
+    np.testing.assert_array_equal(quadratic.valid, searched.valid)
+    scaled = _ray_intersection.intersect(mirror, origins, 1e-6 * directions)
+    for hits in (short, scaled):
+        np.testing.assert_allclose(1e-6 * hits.distance, quadratic.distance, rtol=1e-7)
+    assert 0.1 < quadratic.valid.mean() < 0.9
     np.testing.assert_allclose(
-        known.distance, searched.distance, rtol=1e-7
+        quadratic.distance, searched.distance, rtol=1e-7
     )  # grazing rays are ill-conditioned
     np.testing.assert_allclose(
-        np.nanmedian(abs(known.distance - searched.distance)), 0.0, atol=1e-12
+        np.nanmedian(abs(quadratic.distance - searched.distance)), 0.0, atol=1e-12
     )
 
 
 def rays_from_anywhere(mirror, count, seed=5):
     rng = np.random.default_rng(seed)
     origins = rng.normal(size=(count, 3)) * [1.5 * M, 1.5 * M, 3 * M]
-    aim = rng.uniform(-1, 1, (count, 3)) * mirror.rim_radius_mm
-    directions = aim - origins
+    targets = rng.uniform(-1, 1, (count, 3)) * mirror.rim_radius_mm
+    directions = targets - origins
     return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
@@ -120,29 +127,31 @@ def test_concave_zone_first_intersection(coefficients, start):
     origins = np.stack(
         [rng.uniform(-30, 30, 80), rng.uniform(-3, 3, 80), np.full(80, start)], axis=-1
     )
-    aim = np.stack([rng.uniform(-9, 9, 80), rng.uniform(-2, 2, 80), rng.uniform(0, 4, 80)], axis=-1)
-    hits = _ray_intersection.intersect(ring, origins, aim - origins)
+    targets = np.stack(
+        [rng.uniform(-9, 9, 80), rng.uniform(-2, 2, 80), rng.uniform(0, 4, 80)], axis=-1
+    )
+    hits = _ray_intersection.intersect(ring, origins, targets - origins)
     steps = np.linspace(0, 5, 50001)
-    march = origins[:, :, None] + (aim - origins)[:, :, None] * steps
+    march = origins[:, :, None] + (targets - origins)[:, :, None] * steps
     r = np.hypot(march[:, 0], march[:, 1])
     height = np.where(r <= 10, march[:, 2] - ring.sag(np.minimum(r, 10.0)), np.nan)
     above = height > 0
     first = np.where(above.any(axis=1), steps[above.argmax(axis=1)], np.nan)
-    came_over_the_front = np.array(
+    is_above_front = np.array(
         [h[max(a.argmax() - 1, 0)] <= 0 for h, a in zip(height, above, strict=True)]
     )
-    assert (hits.valid == (came_over_the_front & np.isfinite(first))).all()
+    assert (hits.valid == (is_above_front & np.isfinite(first))).all()
     np.testing.assert_allclose(hits.distance[hits.valid], first[hits.valid], atol=2e-4)
-    again = _ray_intersection.trace(ring, origins, aim - origins)
-    assert (~again.valid & hits.valid).any()  # some end on the other side of the ring
-    assert not (again.valid & ~hits.valid).any()
-    unit = (aim - origins) / np.linalg.norm(aim - origins, axis=1, keepdims=True)
+    reflection = _ray_intersection.trace(ring, origins, targets - origins)
+    assert (~reflection.valid & hits.valid).any()  # some end on the other side of the ring
+    assert not (reflection.valid & ~hits.valid).any()
+    unit = (targets - origins) / np.linalg.norm(targets - origins, axis=1, keepdims=True)
     outgoing = _ray_intersection.reflect(unit, hits.normals)
     onward = hits.points[:, :, None] + outgoing[:, :, None] * np.linspace(2e-3, 25.0, 12500)
     r = np.hypot(onward[:, 0], onward[:, 1])
     height = np.where(r <= 10, onward[:, 2] - ring.sag(np.minimum(np.nan_to_num(r), 10.0)), -1.0)
-    is_met_again = (height > 0).any(axis=1)
-    assert ((again.valid == (hits.valid & ~is_met_again)) | ~hits.valid).all()
+    is_hit_again = (height > 0).any(axis=1)
+    assert ((reflection.valid == (hits.valid & ~is_hit_again)) | ~hits.valid).all()
 
 
 def test_clearance_of_circles():
@@ -162,7 +171,7 @@ def test_clearance_of_circles():
     [Sphere(50.0, 44.0), ConicAsphere(50.0, 0.0, 44.0), Hyperboloid(32.5, 74.5, 43.9), Cone(50.0, 44.0)],
 )  # fmt: skip
 def test_rays_from_the_surface(mirror):
-    """A ray that starts on the surface meets it there; one that starts in the body does not."""
+    """A ray from the surface intersects it at its origin; a ray from inside the body does not."""
     origins = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, float(mirror.sag(30.0))]])
     normals = _ray_intersection.normals_at(mirror, origins)
     grid = _ray_intersection.normals_at(mirror, np.stack([origins] * 5))
@@ -211,10 +220,10 @@ def test_missing_rays_are_nan():
     ):
         for name, (origin, direction) in cases.items():
             with np.errstate(invalid="ignore"):
-                found = _ray_intersection.trace(mirror, [origin], [direction])
-            assert not found.valid[0], (mirror.KIND, name)
-            assert np.isnan(found.points).all()
-            assert np.isnan(found.directions).all()
+                reflection = _ray_intersection.trace(mirror, [origin], [direction])
+            assert not reflection.valid[0], (mirror.KIND, name)
+            assert np.isnan(reflection.points).all()
+            assert np.isnan(reflection.directions).all()
     assert _ray_intersection.intersect(sphere, np.empty((0, 3)), np.empty((0, 3))).valid.shape == (
         0,
     )
@@ -264,9 +273,9 @@ def test_misaligned_reflection_matches_high_precision(x, y, tip, side, kind):
     travel = mp.matrix([mp.mpf(v) for v in direction])
     travel /= mp.norm(travel)
     out = travel - 2 * (travel.T * n)[0] * n
-    found = _ray_intersection.trace(mirror, [origin], [direction])
-    np.testing.assert_allclose(found.points[0], [float(v) for v in p], atol=1e-12)
-    np.testing.assert_allclose(found.directions[0], [float(v) for v in out], atol=1e-13)
+    reflection = _ray_intersection.trace(mirror, [origin], [direction])
+    np.testing.assert_allclose(reflection.points[0], [float(v) for v in p], atol=1e-12)
+    np.testing.assert_allclose(reflection.directions[0], [float(v) for v in out], atol=1e-13)
 
 
 def test_pose_rotation_convention():
@@ -292,10 +301,10 @@ def test_axis_has_azimuth_zero():
 def test_chunked_rays_match_single_rays():
     mirror = Sphere(50.0, 44.0)
     origins, directions = rays_from_anywhere(mirror, _ray_intersection.CHUNK + 3)
-    whole = _ray_intersection.intersect(mirror, origins, directions)
+    full = _ray_intersection.intersect(mirror, origins, directions)
     for part in (slice(0, 2), slice(_ray_intersection.CHUNK - 1, _ray_intersection.CHUNK + 3)):
-        few_rays = _ray_intersection.intersect(mirror, origins[part], directions[part])
-        for a, b in zip(few_rays, whole, strict=True):
+        chunk = _ray_intersection.intersect(mirror, origins[part], directions[part])
+        for a, b in zip(chunk, full, strict=True):
             np.testing.assert_array_equal(a, b[part])
 
 

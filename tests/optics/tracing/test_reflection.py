@@ -28,8 +28,8 @@ compiled = pytest.mark.skipif(not backend.is_compiled, reason="nothing is compil
 def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[RayEndpoints, RayEndpoints]:
     """Return a lens off the axis, and targets all around, some of them outside the field."""
     mirror, m = MIRRORS[kind]
-    towards = np.random.default_rng(3).normal(size=(COUNT, 3))
-    targets = towards if distant else 4 * mirror.rim_radius_mm * towards
+    directions = np.random.default_rng(3).normal(size=(COUNT, 3))
+    targets = directions if distant else 4 * mirror.rim_radius_mm * directions
     lens = [0.01, -0.02, -1.0] if telecentric else [1.5, -0.8, -m]
     return RayEndpoints.of([lens], telecentric), RayEndpoints.of(targets, distant)
 
@@ -40,41 +40,41 @@ def ends_about(kind: str, distant: bool, telecentric: bool) -> tuple[RayEndpoint
 def test_solution_independent_of_initial_value(kind, distant, telecentric, monkeypatch):
     mirror = MIRRORS[kind][0]
     pupils, targets = ends_about(kind, distant, telecentric)
-    found = specular_points(mirror, pupils, targets)
+    solution = specular_points(mirror, pupils, targets)
     monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
-    guessed = specular_points(mirror, pupils, targets)
-    assert np.array_equal(found.valid, guessed.valid)
-    assert found.valid.sum() > COUNT / 5
+    from_guess = specular_points(mirror, pupils, targets)
+    assert np.array_equal(solution.valid, from_guess.valid)
+    assert solution.valid.sum() > COUNT / 5
     size = mirror.rim_radius_mm
-    assert np.abs(found.points - guessed.points)[found.valid].max() < 1e-11 * size
-    assert np.abs(found.path - guessed.path)[found.valid].max() < 1e-11 * size
+    assert np.abs(solution.points - from_guess.points)[solution.valid].max() < 1e-11 * size
+    assert np.abs(solution.path - from_guess.path)[solution.valid].max() < 1e-11 * size
 
 
 def test_sphere_reflection_of_distant_point():
     """A direction observed from far away along the axis is at half of its angle from the axis."""
-    towards = np.random.default_rng(5).normal(size=(COUNT, 3))
-    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    directions = np.random.default_rng(5).normal(size=(COUNT, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
     ball = Sphere(50.0, 50.0 * np.sin(np.radians(70.0)))
-    found = specular_points(
+    solution = specular_points(
         ball,
         RayEndpoints.of([[0.0, 0.0, -1.0]], distant=True),
-        RayEndpoints.of(towards, distant=True),
+        RayEndpoints.of(directions, distant=True),
     )
-    off_axis = np.degrees(np.arcsin(np.hypot(*found.points[found.valid, :2].T) / 50.0))
+    off_axis = np.degrees(np.arcsin(np.hypot(*solution.points[solution.valid, :2].T) / 50.0))
     np.testing.assert_allclose(
-        off_axis, np.degrees(np.arccos(-towards[found.valid, 2])) / 2, rtol=0, atol=1e-9
+        off_axis, np.degrees(np.arccos(-directions[solution.valid, 2])) / 2, rtol=0, atol=1e-9
     )
-    assert np.array_equal(found.valid, -towards[:, 2] > np.cos(np.radians(140.0)))
+    assert np.array_equal(solution.valid, -directions[:, 2] > np.cos(np.radians(140.0)))
 
 
 @compiled
 def test_surface_evaluation_count(monkeypatch):
     """The measure is work: points of the exact surface over all steps."""
-    evaluated = []
+    point_counts = []
 
     class EvaluableField(MirrorSurface):
         def __init__(self, mirror, xy, form=NO_FORM):
-            evaluated.append(len(xy))
+            point_counts.append(len(xy))
             super().__init__(mirror, xy, form)
 
     monkeypatch.setattr(reflection, "MirrorSurface", EvaluableField)
@@ -82,14 +82,14 @@ def test_surface_evaluation_count(monkeypatch):
     inside = RayEndpoints(
         targets.xyz[specular_points(MIRRORS["sphere"][0], pupils, targets).valid], True
     )
-    evaluated.clear()
+    point_counts.clear()
     specular_points(MIRRORS["sphere"][0], pupils, inside)
-    with_kernels = sum(evaluated)
-    evaluated.clear()
+    with_kernels = sum(point_counts)
+    point_counts.clear()
     monkeypatch.setattr(reflection, "compiled_reflection_points", lambda *_: None)
     specular_points(MIRRORS["sphere"][0], pupils, inside)
     assert with_kernels <= 3.1 * len(inside.xyz)
-    assert with_kernels < 0.6 * sum(evaluated)
+    assert with_kernels < 0.6 * sum(point_counts)
 
 
 @compiled
@@ -98,9 +98,9 @@ def test_kernels_not_used_outside_their_scope():
     pupils = pupils.spread(COUNT)
     sphere = Sphere(50.0, 40.0)
     assert compiled_reflection_points(sphere, NO_FORM, pupils, targets) is not None
-    few_of_each = slice(0, MIN_PAIRS - 1)
+    below_minimum = slice(0, MIN_PAIRS - 1)
     assert (
-        compiled_reflection_points(sphere, NO_FORM, pupils[few_of_each], targets[few_of_each])
+        compiled_reflection_points(sphere, NO_FORM, pupils[below_minimum], targets[below_minimum])
         is None
     )
     moving = RayEndpoints(pupils.xyz + np.linspace(0, 1, COUNT)[:, None])
