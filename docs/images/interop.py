@@ -165,14 +165,14 @@ def mitsuba(pixels: int = 240) -> None:
     import mitsuba as mi
 
     from tests.interop.ray_tables.box import Box
-    from tests.interop.ray_tables.test_mitsuba_sensor import taken
+    from tests.interop.ray_tables.test_mitsuba_sensor import mitsuba_image
     from tests.simulation.test_mitsuba_images import MISALIGNED, small
 
     mi.set_variant("scalar_rgb")
     sensor = small("paper-spherical", pixels, MISALIGNED)
     with tempfile.TemporaryDirectory() as folder:
         om.write_rays(sensor, Path(folder, "camera.py"), formats="mitsuba")
-        theirs = taken(mi, Path(folder, "camera.py"), pixels)
+        theirs = mitsuba_image(mi, Path(folder, "camera.py"), pixels)
     both = [
         srgb_bytes(light).repeat(2, 0).repeat(2, 1)
         for light in (expose(sensor, Box(), samples=16), theirs)

@@ -14,7 +14,7 @@ def row(design: Design | Verdict, name: str) -> RequirementCheck:
     return next(r for r in design.rows if r.name == name)
 
 
-def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[str, float]:
+def evaluated_merits(sensor: om.Sensor, angles: int = 4001, **options) -> dict[str, float]:
     """Return the merits of a sensor by om.evaluate at equidistant field angles, other than those of
     the optimiser."""
     r = om.evaluate(sensor, np.linspace(*sensor.field_deg, angles), **options)
@@ -39,6 +39,6 @@ def looked_at_again(sensor: om.Sensor, angles: int = 4001, **options) -> dict[st
     }
 
 
-def best(wanted: Requirements) -> Verdict:
+def best(requirements: Requirements) -> Verdict:
     """Return the verdict of the best sensor with a mapping or family mirror, without relaxations."""
-    return RangeSearch(wanted).best().verdict
+    return RangeSearch(requirements).best().verdict

@@ -41,7 +41,7 @@ def worst(sensor, distance=np.inf, **options):
     return max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
 
 
-def reaching(bound, sensor):
+def sensor_at_bound(bound, sensor):
     """Return the sensor with the mirror and focus of the bound."""
     u = np.linspace(0.0, 1.0, 401)
     slopes = make_interp_spline(bound.x_mm, bound.slope, k=5)(u * bound.x_mm[-1])
@@ -58,8 +58,8 @@ def reaching(bound, sensor):
 
 def blur_of(sensor, omega, distance):
     """Return tangential and sagittal blur (2, n), deg, at the object distance."""
-    found = om.evaluate(sensor, omega, object_distance_mm=distance)
-    return np.abs([found.blur_t_deg, found.blur_s_deg])
+    evaluation = om.evaluate(sensor, omega, object_distance_mm=distance)
+    return np.abs([evaluation.blur_t_deg, evaluation.blur_s_deg])
 
 
 def test_blur_bound_of_paper_case():
@@ -80,13 +80,13 @@ def test_blur_bound_is_attained_by_a_mirror(omega_max, distance):
     the bound."""
     sensor = paper(omega_max)
     bound = om.blur_bound(sensor, distance)
-    again = reaching(bound, sensor)
-    assert again.field_deg == pytest.approx((0.0, omega_max), abs=1e-5)
+    attained = sensor_at_bound(bound, sensor)
+    assert attained.field_deg == pytest.approx((0.0, omega_max), abs=1e-5)
     if bound.is_reached:
-        everywhere = blur_of(again, np.linspace(0, omega_max, 1001), distance)
-        assert everywhere.max() == pytest.approx(bound.blur_deg, rel=5e-4)
-        assert worst(again, distance) == pytest.approx(bound.blur_deg, rel=5e-4)
-    tangential, _ = blur_of(again, np.linspace(0.5, omega_max, 300), distance)
+        blurs_deg = blur_of(attained, np.linspace(0, omega_max, 1001), distance)
+        assert blurs_deg.max() == pytest.approx(bound.blur_deg, rel=5e-4)
+        assert worst(attained, distance) == pytest.approx(bound.blur_deg, rel=5e-4)
+    tangential, _ = blur_of(attained, np.linspace(0.5, omega_max, 300), distance)
     np.testing.assert_allclose(tangential[:-30], bound.blur_deg, rtol=2e-5)
     np.testing.assert_allclose(
         tangential, bound.blur_deg, rtol=5e-4
@@ -101,9 +101,9 @@ def test_blur_bound_is_attained_with_telecentric_lens():
     for distance in (np.inf, 200.0):
         bound = om.blur_bound(sensor, distance)
         assert bound.is_reached
-        again = reaching(bound, sensor)
-        everywhere = blur_of(again, np.linspace(*again.field_deg, 1001), distance)
-        assert everywhere.max() == pytest.approx(bound.blur_deg, rel=2e-5)
+        attained = sensor_at_bound(bound, sensor)
+        blurs_deg = blur_of(attained, np.linspace(*attained.field_deg, 1001), distance)
+        assert blurs_deg.max() == pytest.approx(bound.blur_deg, rel=2e-5)
 
 
 @pytest.mark.parametrize("seed", few(range(20), *range(6)))
@@ -122,7 +122,7 @@ def test_no_mirror_has_less_blur_than_bound(seed):
     )
     sensor = sensor_with(mirror, far, f_number=F)
     if kind == "waves":
-        sensor = waved(sensor, rng)
+        sensor = wavy_sensor(sensor, rng)
     bound = om.blur_bound(sensor, distance)
     best = om.best_focus(sensor, "worst_blur_deg", object_distance_mm=distance)
     assert best.value >= bound.blur_deg * (1 - 1e-9)
@@ -130,16 +130,16 @@ def test_no_mirror_has_less_blur_than_bound(seed):
     assert worst(focused, distance) >= bound.blur_deg * (1 - 1e-9)
 
 
-def waved(sensor, rng):
+def wavy_sensor(sensor, rng):
     """Return the mirror that reaches the bound with slopes perturbed by a few 0.001 between axis
     and rim."""
-    reached = reaching(om.blur_bound(sensor), sensor)
-    slopes = np.array(reached.mirror.slopes)
+    optimum = sensor_at_bound(om.blur_bound(sensor), sensor)
+    slopes = np.array(optimum.mirror.slopes)
     u = np.linspace(0, 1, slopes.size)
     waves = np.cos(np.pi * np.outer(u, np.arange(1, 5))) @ rng.standard_normal(4)
     mirror = SlopeSpline(tuple(slopes * (1 + 2e-3 * waves * (1 - u**2))), M)
     rim = sensor.mirror_distance_mm + float(sensor.mirror.sag(M))
-    return replace(reached, mirror=mirror, mirror_distance_mm=rim - float(mirror.sag(M)))
+    return replace(optimum, mirror=mirror, mirror_distance_mm=rim - float(mirror.sag(M)))
 
 
 def test_blur_bound_decreases_with_inner_field_limit():
@@ -150,14 +150,16 @@ def test_blur_bound_decreases_with_inner_field_limit():
 
 def test_optimised_blur_approaches_bound_from_above():
     problem = DesignProblem(family="even-polynomial", terms=6, mode="paper", image_radius_px=500.0)
-    found = optimise(problem, "worst_blur_deg", starts=1)
-    assert 1 - 1e-9 < found.value / found.bound.blur_deg < 1.01
+    result = optimise(problem, "worst_blur_deg", starts=1)
+    assert 1 - 1e-9 < result.value / result.bound.blur_deg < 1.01
 
 
 def test_blur_bound_of_narrow_field_is_zero():
     """Inwards from the rim, a tangentially sharp mirror reaches 120 deg before it reaches the axis."""
-    told = [om.blur_bound(paper(), omega_min_deg=omega).blur_deg for omega in (80.0, 100.0, 120.0)]
-    assert told[0] > told[1] > told[2] == 0.0
+    bounds_deg = [
+        om.blur_bound(paper(), omega_min_deg=omega).blur_deg for omega in (80.0, 100.0, 120.0)
+    ]
+    assert bounds_deg[0] > bounds_deg[1] > bounds_deg[2] == 0.0
 
 
 def test_blur_bound_rejects_unsupported_sensors():
@@ -178,13 +180,13 @@ def test_blur_bound_rejects_unsupported_sensors():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("options", "message"),
     [
         ({"mode": "Paper"}, "mode must be one of exact, paper; got 'Paper'"),
         ({"image_radius_px": -5.0}, "image_radius_px must be greater than 0 px .*; got -5"),
         ({"image_radius_px": np.nan}, "image_radius_px must be a number or None; got nan"),
     ],
 )
-def test_blur_bound_rejects_unknown_modes_and_invalid_radii(wrong, message):
+def test_blur_bound_rejects_unknown_modes_and_invalid_radii(options, message):
     with pytest.raises(InvalidParameter, match=message):
-        om.blur_bound(paper(), **wrong)
+        om.blur_bound(paper(), **options)

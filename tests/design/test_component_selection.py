@@ -29,7 +29,7 @@ from tests.optics.lenses import prescriptions
 SPHERE = om.load_sensor("paper-spherical")
 
 
-def at(sensor, side, F, focus, mode="exact"):
+def worst_blur_at(sensor, side, F, focus, mode="exact"):
     """Return the largest root sum of squares of blur and Airy disc over the field, by the evaluation."""
     name = "f_number" if isinstance(sensor.lens, Perspective) else "working_f_number"
     sensor = replace(sensor, lens=replace(sensor.lens, **{name: float(F)}))
@@ -49,12 +49,14 @@ def at(sensor, side, F, focus, mode="exact"):
 def test_f_number_and_focus_are_optimal(name, mode):
     sensor = om.load_sensor(name)
     for best in best_apertures(sensor, mode=mode):
-        there = at(sensor, best.side, best.f_number, best.focus_mm, mode)
-        assert there == pytest.approx(best.worst_px, rel=1e-4)
+        blur_px = worst_blur_at(sensor, best.side, best.f_number, best.focus_mm, mode)
+        assert blur_px == pytest.approx(best.worst_px, rel=1e-4)
         assert best.worst_px == pytest.approx(np.hypot(best.blur_px, best.airy_px), rel=1e-12)
         for F in best.f_number * np.array([0.8, 0.99, 1.01, 1.25]):
             for focus in best.focus_mm + np.array([-5.0, -0.2, 0.0, 0.2, 5.0]):
-                assert at(sensor, best.side, F, focus, mode) >= best.worst_px * (1 - 1e-4)
+                assert worst_blur_at(sensor, best.side, F, focus, mode) >= best.worst_px * (
+                    1 - 1e-4
+                )
 
 
 def test_apertures_stay_within_the_lens():
@@ -69,14 +71,14 @@ def test_apertures_stay_within_the_lens():
 
 def test_bundled_catalogue_has_lens_for_sphere_and_reasons_for_exclusions():
     shelf = read_catalogue()
-    found = choose_parts(SPHERE, shelf)
-    assert len(found) == len(shelf.lenses) * len(shelf.imagers)
-    fits = [c.fits for c in found]
+    choices = choose_parts(SPHERE, shelf)
+    assert len(choices) == len(shelf.lenses) * len(shelf.imagers)
+    fits = [c.fits for c in choices]
     assert fits == sorted(fits, reverse=True)
     assert any(fits)
-    best = [c.worst_floored_area_deg2 for c in found if c.fits]
+    best = [c.worst_floored_area_deg2 for c in choices if c.fits]
     assert best == sorted(best)
-    for c in found:
+    for c in choices:
         assert c.fits != bool(c.reasons)
         if c.fits:
             assert 0.6 <= c.fill <= 1.0
@@ -109,8 +111,8 @@ def test_extension_rings_reach_focus_of_lens_equation():
         b = 1 / (1 / 16.0 - 1 / focus)
         assert reasons or 16.0 + ring <= b <= nearest + ring + 1e-12
     assert rings_for(lens, 240.0)[0] == 0.5
-    _, (sentence,) = rings_for(lens, 100.0)
-    assert "requires extension rings of 2.15 to 3.05 mm" in sentence
+    _, (message,) = rings_for(lens, 100.0)
+    assert "requires extension rings of 2.15 to 3.05 mm" in message
     assert rings_for(replace(lens, extension_rings_mm=()), 240.0)[1] == [
         "minimum focus 300 mm, required 240 mm"
     ]
@@ -171,9 +173,9 @@ def test_catalogue_contains_all_kinds_of_parts(tmp_path, monkeypatch):
         (ExtraComponent("A", "heater", diameter_mm=20.0, length_mm=5.0),),
     )
     for name in ("parts.toml", "parts.CSV"):
-        read = read_catalogue(tmp_path / name)
-        assert read == expected
-        assert isinstance(read.imagers[0].width_px, int)
+        catalogue = read_catalogue(tmp_path / name)
+        assert catalogue == expected
+        assert isinstance(catalogue.imagers[0].width_px, int)
     monkeypatch.chdir(tmp_path)
     for name in (
         "parts",
@@ -255,7 +257,7 @@ def test_extension_rings_of_a_catalogue_are_within_their_range():
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         (
             "name,pixel_pitch,sort\nA,3,4\n",
@@ -289,9 +291,9 @@ def test_extension_rings_of_a_catalogue_are_within_their_range():
         ("", "at least one lens is required"),
     ],
 )
-def test_invalid_lines_of_csv_catalogue_are_rejected(tmp_path, text, sentence):
+def test_invalid_lines_of_csv_catalogue_are_rejected(tmp_path, text, message):
     (tmp_path / "parts.csv").write_text(text)
-    with pytest.raises(OmnimirrorError, match=sentence):
+    with pytest.raises(OmnimirrorError, match=message):
         read_catalogue(tmp_path / "parts.csv")
 
 
@@ -341,16 +343,16 @@ def test_catalogues_as_csv(tmp_path):
     (tmp_path / "imagers.csv").write_text(
         "name,width_px,height_px,pixel_pitch_um\nC,1280,1024,5.2\n"
     )
-    read = read_catalogue(tmp_path / "lenses.csv", tmp_path / "imagers.csv")
-    assert read.lenses == (
+    catalogue = read_catalogue(tmp_path / "lenses.csv", tmp_path / "imagers.csv")
+    assert catalogue.lenses == (
         LensComponent("A", 12.0, 1.4, 16.0, 250.0, None, (0.5, 1.0)),
         LensComponent("B", 16.0, 1.4, 16.0, 300.0, 11.0, ()),
     )
-    assert read.imagers == (ImagerComponent("C", 1280, 1024, 5.2),)
+    assert catalogue.imagers == (ImagerComponent("C", 1280, 1024, 5.2),)
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         ("[[lens]]\nname = 'A'\n", "focal_length_mm is missing"),
         ("[[lens]]\nname = 'A'\nfocal = 3\nsort = 4\n", "unknown entry focal; use"),
@@ -439,9 +441,9 @@ def test_catalogues_as_csv(tmp_path):
         ),
     ],
 )
-def test_invalid_catalogues_are_rejected_with_entry(tmp_path, text, sentence):
+def test_invalid_catalogues_are_rejected_with_entry(tmp_path, text, message):
     (tmp_path / "parts.toml").write_text(text)
-    with pytest.raises(OmnimirrorError, match=sentence):
+    with pytest.raises(OmnimirrorError, match=message):
         read_catalogue(tmp_path / "parts.toml")
     with pytest.raises(OmnimirrorError, match="cannot read"):
         read_catalogue(tmp_path / "nowhere.toml")
@@ -455,12 +457,12 @@ def test_unknown_blur_mode_is_rejected(mode):
 
 @pytest.mark.parametrize("distance", [0, 0.0, -5.0])
 def test_invalid_object_distance_is_rejected(distance):
-    for ask in (
-        lambda **at: choose_parts(SPHERE, read_catalogue(), **at),
-        lambda **at: best_apertures(SPHERE, **at),
+    for select in (
+        lambda **options: choose_parts(SPHERE, read_catalogue(), **options),
+        lambda **options: best_apertures(SPHERE, **options),
     ):
         with pytest.raises(
             InvalidParameter,
             match=f"object_distance_mm must be at least 1e-09 mm, or inf; got {distance:g}",
         ):
-            ask(object_distance_mm=distance)
+            select(object_distance_mm=distance)

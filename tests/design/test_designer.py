@@ -42,10 +42,10 @@ def test_default_design_is_bundled_exact_sensor():
     assert parse_sensor(format_sensor(design.sensor)) == design.sensor
 
 
-@pytest.mark.parametrize("given", ["theta_max_deg = 12", "focal_length_mm = 9.5"])
-def test_free_lens_parameter_makes_rim_fill_imager(given):
+@pytest.mark.parametrize("entry", ["theta_max_deg = 12", "focal_length_mm = 9.5"])
+def test_free_lens_parameter_makes_rim_fill_imager(entry):
     text = (
-        COMMON.replace("theta_max_deg = 12", given)
+        COMMON.replace("theta_max_deg = 12", entry)
         + "[imager]\nwidth_px = 1600\nheight_px = 1200\npixel_pitch_um = 3.0"
     )
     design = design_sensor(parse_requirements(text))
@@ -64,13 +64,13 @@ def test_rim_outside_imager_is_reported_with_relaxations():
     assert not image.is_met
     assert image.reached == pytest.approx(design.sensor.rim_radius_px)
     alone = {r.name: r for r in design.conflict.alone}
-    for name, asked in (("theta_max_deg", "12"), ("focal_length_mm", "14.0")):
+    for name, requested in (("theta_max_deg", "12"), ("focal_length_mm", "14.0")):
         needed = alone[name].needed  # the value at which the imager is filled
-        tried = [
-            best(parse_requirements(text.replace(f"{name} = {asked}", f"{name} = {value}")))
+        verdicts = [
+            best(parse_requirements(text.replace(f"{name} = {requested}", f"{name} = {value}")))
             for value in (needed, needed * 1.005)
         ]
-        assert [verdict.is_met for verdict in tried] == [True, False]
+        assert [verdict.is_met for verdict in verdicts] == [True, False]
     far_px = (
         14.0 * np.tan(np.radians(12)) / (design.sensor.imager.pixel_pitch_um * 1e-3)
     )  # focused at infinity
@@ -127,9 +127,9 @@ def test_table_agrees_with_evaluation(limited):
 def test_single_relaxation_is_sufficient_and_minimal(limited):
     """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
     less."""
-    wanted, numbers = limited.requirements, ranges_of(limited.requirements)
+    requirements, numbers = limited.requirements, ranges_of(limited.requirements)
     assert limited.conflict.missed == ("total_blur_px",)
-    tried = 0
+    count = 0
     for relaxation in limited.conflict.alone:
         if (
             relaxation.needed is None
@@ -137,30 +137,30 @@ def test_single_relaxation_is_sufficient_and_minimal(limited):
             or relaxation.name not in numbers
         ):
             continue
-        tried += 1
-        assert best(wanted.changed(**{relaxation.name: relaxation.needed})).is_met, relaxation
+        count += 1
+        assert best(requirements.changed(**{relaxation.name: relaxation.needed})).is_met, relaxation
         less = relaxation.requested + 0.97 * (relaxation.needed - relaxation.requested)
-        assert not best(wanted.changed(**{relaxation.name: less})).is_met, relaxation
-    assert tried >= 2
+        assert not best(requirements.changed(**{relaxation.name: less})).is_met, relaxation
+    assert count >= 2
     blur = next(r for r in limited.conflict.alone if r.name == "total_blur_px")
-    reached = row(limited, "total_blur_px").reached
-    assert reached <= blur.needed == pytest.approx(reached, rel=1e-4)
+    blur_px = row(limited, "total_blur_px").reached
+    assert blur_px <= blur.needed == pytest.approx(blur_px, rel=1e-4)
 
 
 def test_joint_relaxation_is_sufficient(limited):
-    wanted = limited.requirements
+    requirements = limited.requirements
     assert (
         0
         < limited.conflict.joint_change
         < max(r.relative_change for r in limited.conflict.alone if r.relative_change)
     )
-    numbers, limits = ranges_of(wanted), list(wanted.limits)
+    numbers, limits = ranges_of(requirements), list(requirements.limits)
     for relaxation in limited.conflict.joint:
         if relaxation.name in numbers:
-            wanted = wanted.changed(**{relaxation.name: relaxation.needed})
+            requirements = requirements.changed(**{relaxation.name: relaxation.needed})
         elif relaxation.name == "total_blur_px":
             limits[0] = replace(limits[0], at_most=relaxation.needed)
-    assert best(replace(wanted, limits=tuple(limits))).is_met
+    assert best(replace(requirements, limits=tuple(limits))).is_met
 
 
 def test_range_is_used_where_it_improves_margin():
@@ -184,9 +184,9 @@ def test_free_ellipsoid_has_minimum_blur_of_family():
     )
     search = RangeSearch(design.requirements)
     conic = design.sensor.mirror.conic
-    here = search.evaluated(search.middle().changed(conic=conic)).cost
+    cost = search.evaluated(search.middle().changed(conic=conic)).cost
     for step in (-0.05, 0.05):
-        assert search.evaluated(search.middle().changed(conic=conic + step)).cost > here
+        assert search.evaluated(search.middle().changed(conic=conic + step)).cost > cost
     assert any("conic" in note for note in design.notes)
 
 
@@ -238,10 +238,12 @@ def test_field_obscured_by_tube_is_missed_or_excluded():
     design = best(parse_requirements(COMMON + limit + "[housing.tube]\ndiameter_mm = 130.0\n"))
     sensor = design.sensor
     assert sensor.housing == Housing(shell=Tube(130.0))
-    begins = next(ring.omega_deg[0] for ring in sensor.obscurations if ring.part == "tube's cap")
-    assert row(design, "omega_max_deg").reached == begins < 130
+    start_deg = next(ring.omega_deg[0] for ring in sensor.obscurations if ring.part == "tube's cap")
+    assert row(design, "omega_max_deg").reached == start_deg < 130
     assert not row(design, "omega_max_deg").is_met
-    assert any("obscured by the housing" in words for words in row(design, "total_blur_px").remarks)
+    assert any(
+        "obscured by the housing" in remark for remark in row(design, "total_blur_px").remarks
+    )
 
 
 @pytest.mark.full
@@ -262,9 +264,9 @@ def test_fit_deviation_is_reported_in_pixels():
     omega = np.linspace(1, 135, 1500)
     result = om.evaluate(design.sensor, omega)
     b0, pitch = design.sensor.lens.image_distance, 5.2e-3
-    wanted = omega / 135 * b0 * np.tan(np.radians(12)) / pitch
-    said = next(float(n.split()[-2]) for n in design.notes if "deviation" in n)
-    assert np.abs(result.h_px - wanted).max() == pytest.approx(said, rel=0.02)
+    expected = omega / 135 * b0 * np.tan(np.radians(12)) / pitch
+    deviation_px = next(float(n.split()[-2]) for n in design.notes if "deviation" in n)
+    assert np.abs(result.h_px - expected).max() == pytest.approx(deviation_px, rel=0.02)
 
 
 def test_infeasible_designs_raise():
@@ -289,10 +291,10 @@ def test_unreachable_mapping_names_line():
     ):
         parse_requirements(ground)
     rows = "omega_deg = [0, 20, 40, 60, 80, 100]\nheight = [{}, 1, 2, 3, 4, 5]"
-    for first, sentence in (
+    for first, message in (
         (0, "omega_max_deg must be the last angle of the mapping table, 100 deg; got 135"),
         (0.5, "height must start with 0"),
     ):
         table = common.replace('"equidistant"', '"tabulated-mapping"\n' + rows.format(first))
-        with pytest.raises(SpecError, match=rf"line \d+: {sentence}"):
+        with pytest.raises(SpecError, match=rf"line \d+: {message}"):
             parse_requirements(table)

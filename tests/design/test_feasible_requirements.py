@@ -104,10 +104,10 @@ at_most = 2.0
 
 @pytest.mark.parametrize("seed", few(range(40), 0, 3))
 def test_requirements_of_random_sensor_are_met(seed):
-    wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
-    found = best(wanted)
-    assert found.is_met, found.missed
-    assert om.check_requirements(wanted, found.sensor).is_met
+    requirements = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
+    verdict = best(requirements)
+    assert verdict.is_met, verdict.missed
+    assert om.check_requirements(requirements, verdict.sensor).is_met
 
 
 @pytest.mark.parametrize(
@@ -123,10 +123,10 @@ def test_requirements_of_random_sensor_are_met(seed):
     ),
 )
 def test_fitted_mirror_fills_imager_without_missed_rows(omega, fit):
-    found = best(parse_requirements(FITTED.format(omega=omega, fit=fit)))
-    assert found.is_met
-    assert row(found, "image_radius_px").reached == pytest.approx(1024, abs=1e-3)
-    assert all(r.margin >= 0 for r in found.rows)
+    verdict = best(parse_requirements(FITTED.format(omega=omega, fit=fit)))
+    assert verdict.is_met
+    assert row(verdict, "image_radius_px").reached == pytest.approx(1024, abs=1e-3)
+    assert all(r.margin >= 0 for r in verdict.rows)
 
 
 CYLINDER, EQUIDISTANT = (
@@ -162,26 +162,26 @@ def test_inner_field_limit_of_pointed_mirror_in_water_tube(mirror, low, diameter
 
 @pytest.mark.parametrize("seed", few(range(40), 0, 2, 3))
 def test_reached_values_are_met_when_required(seed):
-    wanted = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
-    reached = best(wanted)
+    requirements = runpy.run_path(str(BENCHMARK))["feasible_requirements"](seed)
+    first = best(requirements)
     exactly = [
         replace(
             limit,
             at_least=limit.at_least and row.reached * 0.9998,
             at_most=limit.at_most and row.reached * 1.0002,
         )
-        for limit, row in zip(wanted.limits, reached.limits, strict=True)
+        for limit, row in zip(requirements.limits, first.limits, strict=True)
     ]
-    found = best(replace(wanted, limits=tuple(exactly)))
-    assert found.is_met, found.missed
+    verdict = best(replace(requirements, limits=tuple(exactly)))
+    assert verdict.is_met, verdict.missed
 
 
 def test_reached_blur_is_met_when_required():
     """The best blur under a height limit, then that blur as a limit itself, 0.02 % above."""
     first = best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=9.3)))
     assert first.is_met
-    reached = first.limits[0].reached
-    assert best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=1.0002 * reached))).is_met
+    blur_px = first.limits[0].reached
+    assert best(parse_requirements(BLUR_AGAINST_HEIGHT.format(blur=1.0002 * blur_px))).is_met
 
 
 SPHERE, CONIC = 'family = "sphere"', 'family = "hyperboloid"'
@@ -216,23 +216,23 @@ quantity = "{}"
 @pytest.mark.parametrize("name", few(CONFLICTS, "one number and a blur", "a resolution"))
 def test_relaxations_are_thresholds_within_one_percent(name):
     """Separate searches without the design succeed above each threshold and fail below it."""
-    wanted = parse_requirements(CONFLICT.format(*CONFLICTS[name]))
-    conflict = design_sensor(wanted).conflict
-    found = [r for r in conflict.alone if r.needed is not None]
-    assert found
-    for r in found:
-        way = 0.01 * np.sign(r.needed - r.requested) * abs(r.needed)
-        assert best(relaxed(wanted, [replace(r, needed=r.needed + way)])).is_met, r
-        if abs(r.needed - r.requested) > abs(way):
-            assert not best(relaxed(wanted, [replace(r, needed=r.needed - way)])).is_met, r
+    requirements = parse_requirements(CONFLICT.format(*CONFLICTS[name]))
+    conflict = design_sensor(requirements).conflict
+    relaxations = [r for r in conflict.alone if r.needed is not None]
+    assert relaxations
+    for r in relaxations:
+        step = 0.01 * np.sign(r.needed - r.requested) * abs(r.needed)
+        assert best(relaxed(requirements, [replace(r, needed=r.needed + step)])).is_met, r
+        if abs(r.needed - r.requested) > abs(step):
+            assert not best(relaxed(requirements, [replace(r, needed=r.needed - step)])).is_met, r
 
 
 def test_interrupted_relaxation_search_keeps_design_and_results():
     designs, steps = [], []
 
-    def interrupt(words):
+    def interrupt(message):
         if designs:  # only the search for relaxations is interrupted
-            steps.append(words)
+            steps.append(message)
         if len(steps) == 2:
             raise KeyboardInterrupt
 
@@ -245,8 +245,8 @@ def test_interrupted_relaxation_search_keeps_design_and_results():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGTERM")
 def test_signal_during_relaxation_search_keeps_table_and_sensor(tmp_path):
-    (tmp_path / "wanted.toml").write_text(INFEASIBLE)
-    command = [PROGRAM, "design", "wanted.toml", "-o", "best.toml"]
+    (tmp_path / "requirements.toml").write_text(INFEASIBLE)
+    command = [PROGRAM, "design", "requirements.toml", "-o", "best.toml"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as run:
         table = list[str]()
         for line in iter(run.stdout.readline, ""):
@@ -263,25 +263,25 @@ def test_signal_during_relaxation_search_keeps_table_and_sensor(tmp_path):
 def test_reported_alternatives_agree_with_their_designs(
     monkeypatch,
 ):
-    searched = list[om.Requirements]()
-    followed = RangeSearch.followed
+    searches = list[om.Requirements]()
+    original = RangeSearch.followed
 
-    def counted(search, start, enough):
-        searched.append(search.requirements)
-        return followed(search, start, enough)
+    def count_search(search, start, threshold):
+        searches.append(search.requirements)
+        return original(search, start, threshold)
 
-    wanted = parse_requirements(
+    requirements = parse_requirements(
         CONFLICT.format(SPHERE, "focal_length_mm = 11.6", "total_blur_deg", "at_most = 0.3")
     )
-    reached = best(wanted)
-    monkeypatch.setattr(RangeSearch, "followed", counted)
-    found = [*find_alternatives(wanted, reached, lambda words: None)]
+    verdict = best(requirements)
+    monkeypatch.setattr(RangeSearch, "followed", count_search)
+    alternatives = [*find_alternatives(requirements, verdict, lambda message: None)]
     monkeypatch.undo()
-    assert 0 < len(searched) <= SEARCHED
-    assert found
-    assert all(a.worst < reached.worst for a in found)
-    for a in (a for a in found if a.entry == "mirror.family"):
-        assert best(wanted.changed(family=a.value)).worst <= a.worst * (1 + 1e-9)
+    assert 0 < len(searches) <= SEARCHED
+    assert alternatives
+    assert all(a.worst < verdict.worst for a in alternatives)
+    for a in (a for a in alternatives if a.entry == "mirror.family"):
+        assert best(requirements.changed(family=a.value)).worst <= a.worst * (1 + 1e-9)
 
 
 @pytest.mark.full
@@ -292,22 +292,22 @@ def test_maximum_resolution_in_water_pipe_agrees_with_scan():
     text = text.replace(
         "omega_max_deg = 110.0", "omega_max_deg = 110.0\nobject_cylinder_radius_mm = 150.0"
     )
-    wanted = parse_requirements(
+    requirements = parse_requirements(
         text
         + '[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 4.0\n'
         + '[[limit]]\nquantity = "total_blur_deg"\nat_most = 0.9\n'
     )
-    scanned = []
+    resolutions = []
     for f_number in (4.0, 4.5, 5.5, 8.0):
         for focus in np.linspace(74.0, 92.0, 37):
-            sensor = make(wanted.changed(f_number=f_number, focus_mm=float(focus))).sensor
-            resolution, blur = om.check_requirements(wanted, sensor, angles=181).limits
+            sensor = make(requirements.changed(f_number=f_number, focus_mm=float(focus))).sensor
+            resolution, blur = om.check_requirements(requirements, sensor, angles=181).limits
             if blur.reached <= 0.9:
-                scanned.append(resolution.reached)
-    design = design_sensor(wanted)
+                resolutions.append(resolution.reached)
+    design = design_sensor(requirements)
     needed = next(r.needed for r in design.conflict.alone if r.name == "resolution_px_per_deg")
-    assert design.verdict.limits[0].reached >= max(scanned) * (1 - 1e-4)
-    assert needed == pytest.approx(max(scanned), rel=0.01)
+    assert design.verdict.limits[0].reached >= max(resolutions) * (1 - 1e-4)
+    assert needed == pytest.approx(max(resolutions), rel=0.01)
     assert design.conflict.is_complete
     assert design.conflict.alternatives
 

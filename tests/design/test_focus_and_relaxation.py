@@ -77,18 +77,20 @@ def worst_blur_px(sensor, focus_mm, omega, distances=(600.0, np.inf)):
 
 def test_focus_minimises_limited_blur():
     """All focus settings with their mirrors by enumeration: none leaves less than the design."""
-    wanted = parse_requirements(PANORAMA)
-    found = best(wanted)
-    reached = next(r.reached for r in found.rows if r.name == "total_blur_px")
+    requirements = parse_requirements(PANORAMA)
+    verdict = best(requirements)
+    blur_px = next(r.reached for r in verdict.rows if r.name == "total_blur_px")
     omega = np.linspace(15, 130, 300)
-    tried = {}
+    blurs_px = {}
     for focus in np.linspace(215.0, 240.0, 13):
-        at = best(replace(wanted, lens=replace(wanted.lens, focus_mm=focus)))
-        tried[focus] = worst_blur_px(at.sensor, focus, omega)
-    assert reached == pytest.approx(worst_blur_px(found.sensor, None, omega), rel=1e-4)
-    assert reached <= min(tried.values())
-    assert reached == pytest.approx(min(tried.values()), rel=0.02)
-    assert found.sensor.lens.focus_distance_mm == pytest.approx(min(tried, key=tried.get), abs=2.1)
+        trial = best(replace(requirements, lens=replace(requirements.lens, focus_mm=focus)))
+        blurs_px[focus] = worst_blur_px(trial.sensor, focus, omega)
+    assert blur_px == pytest.approx(worst_blur_px(verdict.sensor, None, omega), rel=1e-4)
+    assert blur_px <= min(blurs_px.values())
+    assert blur_px == pytest.approx(min(blurs_px.values()), rel=0.02)
+    assert verdict.sensor.lens.focus_distance_mm == pytest.approx(
+        min(blurs_px, key=blurs_px.get), abs=2.1
+    )
 
 
 def test_panorama_at_f_4_needs_small_relaxation():
@@ -99,10 +101,10 @@ def test_panorama_at_f_4_needs_small_relaxation():
 
 def test_focus_follows_limit_within_field():
     """The area merit of the whole field left 0.335 deg of geometric blur there."""
-    found = best(parse_requirements(SURVEY))
-    reached = next(r.reached for r in found.rows if r.is_limit)
-    sensor, omega = found.sensor, np.linspace(85, 95, 41)
-    assert found.is_met
+    verdict = best(parse_requirements(SURVEY))
+    blur_px = next(r.reached for r in verdict.rows if r.is_limit)
+    sensor, omega = verdict.sensor, np.linspace(85, 95, 41)
+    assert verdict.is_met
     part = om.evaluate(sensor, omega)
     assert max(np.abs(part.blur_t_deg).max(), np.abs(part.blur_s_deg).max()) < 0.12
     for focus in np.linspace(60, 100, 41):
@@ -111,7 +113,7 @@ def test_focus_follows_limit_within_field():
             np.hypot(b, r.airy_px / d).max()
             for b, d in ((r.blur_t_deg, r.dh_domega_px_per_deg), (r.blur_s_deg, r.width_px_per_deg))
         )
-        assert reached <= max(t, s) * (1 + 1e-4)
+        assert blur_px <= max(t, s) * (1 + 1e-4)
 
 
 def test_focus_balances_relative_margins_of_two_blur_limits():
@@ -135,25 +137,25 @@ def test_focus_balances_relative_margins_of_two_blur_limits():
             for b, s in ((r.blur_t_deg, r.dh_domega_px_per_deg), (r.blur_s_deg, r.width_px_per_deg))
         )
         shares[focus] = max(px / 6.0, deg / 1.4) - 1
-    least = min(shares, key=shares.get)
-    assert sensor.lens.focus_distance_mm == pytest.approx(least, abs=1.1)
+    smallest = min(shares, key=shares.get)
+    assert sensor.lens.focus_distance_mm == pytest.approx(smallest, abs=1.1)
     assert (
-        shares[least] - 0.03
+        shares[smallest] - 0.03
         <= max(r.shortfall for r in design.rows if r.is_limit)
-        <= shares[least] + 1e-4
+        <= shares[smallest] + 1e-4
     )
 
 
 @pytest.mark.parametrize(
-    ("asked", "reached"), [("[150, 200]", 200.0), ("[300, 400.0]", 300.0), ("222", 222.0)]
+    ("entry", "focus_mm"), [("[150, 200]", 200.0), ("[300, 400.0]", 300.0), ("222", 222.0)]
 )
-def test_specified_focus_is_kept(asked, reached):
-    found = best(
+def test_specified_focus_is_kept(entry, focus_mm):
+    verdict = best(
         parse_requirements(
-            PANORAMA.replace("f_number = 4.0", f"f_number = 4.0\nfocus_mm = {asked}")
+            PANORAMA.replace("f_number = 4.0", f"f_number = 4.0\nfocus_mm = {entry}")
         )
     )
-    assert found.sensor.lens.focus_distance_mm == pytest.approx(reached, rel=1e-9)
+    assert verdict.sensor.lens.focus_distance_mm == pytest.approx(focus_mm, rel=1e-9)
     free = best(
         parse_requirements(
             PANORAMA.replace("f_number = 4.0", "f_number = 4.0\nfocus_mm = [200, 300]")
@@ -188,9 +190,9 @@ def test_limit_is_evaluated_over_its_whole_range():
     design = design_sensor(
         parse_requirements(text.replace("at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]"))
     )
-    found, omega = row(design, "total_blur_px"), np.linspace(0, 20, 401)
-    assert found.reached == pytest.approx(worst_blur_px(design.sensor, None, omega), rel=1e-6)
-    assert found.remarks == ()
+    check, omega = row(design, "total_blur_px"), np.linspace(0, 20, 401)
+    assert check.reached == pytest.approx(worst_blur_px(design.sensor, None, omega), rel=1e-6)
+    assert check.remarks == ()
     assert row(design, "viewpoint_spread_mm").remarks == (
         "0 to 40 deg is not evaluated: below omega_min_deg",
     )
@@ -200,8 +202,8 @@ def test_obscured_angles_are_excluded_and_reported():
     text = PANORAMA.replace("omega_min_deg = 15.0\n", "").replace(
         "at_most = 6.0", "at_most = 40.0\nomega_deg = [0, 20]"
     )
-    found = row(design_sensor(parse_requirements(text)), "total_blur_px")
-    (remark,) = found.remarks
+    check = row(design_sensor(parse_requirements(text)), "total_blur_px")
+    (remark,) = check.remarks
     assert remark.endswith("is not evaluated: obscured by the camera")
     assert remark.startswith("0 to 4.4")
     with pytest.raises(
@@ -223,10 +225,10 @@ def test_only_requested_angles_are_reported_as_excluded():
 
 
 def test_airy_disk_above_blur_limit_is_reported():
-    found = row(best(parse_requirements(SURVEY.replace("0.65", "0.1"))), "total_blur_deg")
-    assert not found.is_met
+    check = row(best(parse_requirements(SURVEY.replace("0.65", "0.1"))), "total_blur_deg")
+    assert not check.is_met
     assert any(
-        "the Airy disc alone is 0.64" in remark and "F/11" in remark for remark in found.remarks
+        "the Airy disc alone is 0.64" in remark and "F/11" in remark for remark in check.remarks
     )
 
 
@@ -240,16 +242,16 @@ at_least = 10.0
 omega_deg = [90, 90]
 """
     )
-    found = best(parse_requirements(text))
-    assert found.is_met
-    r = om.evaluate(found.sensor, [90.0])
+    verdict = best(parse_requirements(text))
+    assert verdict.is_met
+    r = om.evaluate(verdict.sensor, [90.0])
     blur = max(
         np.hypot(r.blur_t_deg, r.airy_px / r.dh_domega_px_per_deg),
         np.hypot(r.blur_s_deg, r.airy_px / r.width_px_per_deg),
     )
-    assert row(found, "total_blur_deg").reached == pytest.approx(float(blur[0]), rel=1e-9)
+    assert row(verdict, "total_blur_deg").reached == pytest.approx(float(blur[0]), rel=1e-9)
     resolution = min(r.dh_domega_px_per_deg[0], r.width_px_per_deg[0])
-    assert row(found, "resolution_px_per_deg").reached == pytest.approx(resolution, rel=1e-9)
+    assert row(verdict, "resolution_px_per_deg").reached == pytest.approx(resolution, rel=1e-9)
     hidden = (
         SURVEY.replace("[85, 95]", "[2, 2]")
         .replace('apex = "pointed"', "")
@@ -268,8 +270,8 @@ omega_deg = [90, 90]
 
 def test_requirements_round_trip_through_tables():
     for text in (PANORAMA, SURVEY):
-        wanted = parse_requirements(text)
-        assert requirements_of(wanted.tables()) == wanted
+        requirements = parse_requirements(text)
+        assert requirements_of(requirements.tables()) == requirements
 
 
 def test_relaxations_are_rounded_outwards():
@@ -293,17 +295,17 @@ CONFLICTS = [
 def test_relaxed_problem_is_feasible(text):
     """Each relaxation, and all together, inserted in the file as printed: read by the same parser,
     and met."""
-    wanted = parse_requirements(text)
-    conflict = design_sensor(wanted).conflict
-    told = [[r] for r in conflict.alone if r.needed is not None] + (
+    requirements = parse_requirements(text)
+    conflict = design_sensor(requirements).conflict
+    relaxations = [[r] for r in conflict.alone if r.needed is not None] + (
         [list(conflict.joint)] if conflict.joint else []
     )
-    assert told
-    for given in told:
-        changed = relaxed(wanted, given)
-        assert best(changed).is_met, given
-        for limit in changed.limits:
-            assert limit.omega_deg is None or limit.omega_deg[1] <= changed.field.omega_max_deg
+    assert relaxations
+    for selection in relaxations:
+        modified = relaxed(requirements, selection)
+        assert best(modified).is_met, selection
+        for limit in modified.limits:
+            assert limit.omega_deg is None or limit.omega_deg[1] <= modified.field.omega_max_deg
 
 
 CEILING = """
@@ -380,11 +382,13 @@ def test_joint_relaxation_is_minimal(text):
 
     On the ceiling, resolution is the limit, which no F-number improves.
     """
-    wanted, joint = parse_requirements(text), conflict_in(text).joint
+    requirements, joint = parse_requirements(text), conflict_in(text).joint
     assert len(joint) >= 2
-    assert best(relaxed(wanted, joint)).is_met
+    assert best(relaxed(requirements, joint)).is_met
     for r in joint:
-        assert not best(relaxed(wanted, [other for other in joint if other is not r])).is_met, r
+        assert not best(
+            relaxed(requirements, [other for other in joint if other is not r])
+        ).is_met, r
     if text is CEILING:
         assert {r.name for r in joint} == {"resolution_px_per_deg", "omega_max_deg"}
 
@@ -397,11 +401,11 @@ def test_insufficient_single_relaxations_contribute_jointly():
     No single number suffices, because blur and viewpoints have opposite requirements for the mirror
     size.
     """
-    eased = WALL.replace("at_most = 3.0", "at_most = 3.9").replace("at_most = 4.0", "at_most = 5.2")
-    eased = eased.replace("at_most = 14.0", "at_most = 17.2").replace(
+    text = WALL.replace("at_most = 3.0", "at_most = 3.9").replace("at_most = 4.0", "at_most = 5.2")
+    text = text.replace("at_most = 14.0", "at_most = 17.2").replace(
         "f_number = 4.0", "f_number = 5.2"
     )
-    assert best(parse_requirements(eased)).is_met
+    assert best(parse_requirements(text)).is_met
     conflict = conflict_in(WALL)
     assert not [r for r in conflict.alone if r.needed is not None]
     assert conflict.joint
@@ -438,15 +442,19 @@ at_most = 2.533
 @pytest.mark.full  # test_designer covers minimal relaxations of complete searches
 def test_relaxation_is_minimal_at_end_of_search_range():
     """Above a minimum field angle of 98 deg all requirements are met; 104.6 deg were required."""
-    wanted = parse_requirements(BENT)
-    told = next(r.needed for r in design_sensor(wanted).conflict.alone if r.name == "omega_min_deg")
-    assert best(wanted.changed(omega_min_deg=told)).is_met
-    assert not best(wanted.changed(omega_min_deg=told - 0.01 * (told - 35.0))).is_met
+    requirements = parse_requirements(BENT)
+    threshold = next(
+        r.needed for r in design_sensor(requirements).conflict.alone if r.name == "omega_min_deg"
+    )
+    assert best(requirements.changed(omega_min_deg=threshold)).is_met
+    assert not best(
+        requirements.changed(omega_min_deg=threshold - 0.01 * (threshold - 35.0))
+    ).is_met
 
 
-def brute_force(wanted, name, values):
+def brute_force(requirements, name, values):
     """Return the first of several values for which all requirements are met, by separate designs."""
-    return next(v for v in values if best(wanted.changed(**{name: float(v)})).is_met)
+    return next(v for v in values if best(requirements.changed(**{name: float(v)})).is_met)
 
 
 @pytest.mark.full
@@ -461,10 +469,10 @@ def brute_force(wanted, name, values):
     ],
 )
 def test_relaxation_threshold_is_first_feasible_value(name, values):
-    wanted = parse_requirements(PANORAMA)
-    told = next(r.needed for r in design_sensor(wanted).conflict.alone if r.name == name)
+    requirements = parse_requirements(PANORAMA)
+    threshold = next(r.needed for r in design_sensor(requirements).conflict.alone if r.name == name)
     step = abs(float(values[1] - values[0]))
-    assert told == pytest.approx(brute_force(wanted, name, values), abs=1.01 * step)
+    assert threshold == pytest.approx(brute_force(requirements, name, values), abs=1.01 * step)
 
 
 @pytest.mark.full
@@ -474,8 +482,10 @@ def test_relaxation_threshold_is_optimal_over_free_ranges():
     text = PANORAMA.replace("focal_length_mm = 12.0", "focal_length_mm = [6.0, 16.0]").replace(
         "f_number = 4.0", "f_number = [2.0, 3.5]"
     )
-    wanted = parse_requirements(text)
-    told = next(r.needed for r in design_sensor(wanted).conflict.alone if r.name == "omega_max_deg")
+    requirements = parse_requirements(text)
+    threshold = next(
+        r.needed for r in design_sensor(requirements).conflict.alone if r.name == "omega_max_deg"
+    )
     lenses = [(f, 3.5) for f in np.linspace(6, 16, 11)]
 
     def is_met(omega):
@@ -488,7 +498,7 @@ def test_relaxation_threshold_is_optimal_over_free_ranges():
         return False
 
     first = next(omega for omega in np.arange(130, 90, -0.25) if is_met(omega))
-    assert told == pytest.approx(first, abs=0.3)
+    assert threshold == pytest.approx(first, abs=0.3)
 
 
 @pytest.mark.full
@@ -499,9 +509,9 @@ def test_number_of_evaluated_mirrors_is_limited(
     for alternatives."""
     import omnimirror.design._candidates as making
 
-    made, real = [], making._before_lens
+    calls, real = [], making._before_lens
     monkeypatch.setattr(
-        making, "_before_lens", lambda *given, **words: made.append(1) or real(*given, **words)
+        making, "_before_lens", lambda *args, **kwargs: calls.append(1) or real(*args, **kwargs)
     )
     text = (
         SURVEY.replace('apex = "pointed"', "")
@@ -516,4 +526,4 @@ def test_number_of_evaluated_mirrors_is_limited(
         text = re.sub(f"{name} = .*", f"{name} = {span}", text)
     design = design_sensor(parse_requirements(text))
     assert design.conflict is not None
-    assert 0 < len(made) < 30_000
+    assert 0 < len(calls) < 30_000

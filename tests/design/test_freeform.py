@@ -52,14 +52,14 @@ at_most = 26
 
 
 @pytest.fixture(scope="module")
-def kept():
+def feasible_design():
     return design_sensor(parse_requirements(TEXT), search=ONE)
 
 
-def test_freeform_limits_agree_with_evaluation(kept):
-    sensor = kept.sensor
-    assert kept.is_met
-    assert kept.conflict is None
+def test_freeform_limits_agree_with_evaluation(feasible_design):
+    sensor = feasible_design.sensor
+    assert feasible_design.is_met
+    assert feasible_design.conflict is None
     for distance in (600.0, np.inf):
         part = om.evaluate(sensor, np.linspace(40, 130, 3001), object_distance_mm=distance)
         assert max(np.abs(part.blur_t_px).max(), np.abs(part.blur_s_px).max()) <= 4.0
@@ -75,18 +75,18 @@ def test_freeform_limits_agree_with_evaluation(kept):
     assert sensor.field_deg == pytest.approx((0.0, 130.0), abs=1e-9)
 
 
-def test_merit_covers_unobscured_field_at_both_distances(kept):
+def test_merit_covers_unobscured_field_at_both_distances(feasible_design):
     areas = [
         om.evaluate(
-            kept.sensor, np.linspace(20, 130, 2001), object_distance_mm=d
+            feasible_design.sensor, np.linspace(20, 130, 2001), object_distance_mm=d
         ).floored_area_deg2.max()
         for d in (600.0, np.inf)
     ]
-    assert kept.optimum.value == pytest.approx(max(areas), rel=2e-3)
+    assert feasible_design.optimum.value == pytest.approx(max(areas), rel=2e-3)
     looser = design_sensor(
         parse_requirements(TEXT.replace("at_most = 4.0", "at_most = 40.0")), search=ONE
     )
-    assert looser.optimum.value <= kept.optimum.value * (1 + 1e-6)
+    assert looser.optimum.value <= feasible_design.optimum.value * (1 + 1e-6)
 
 
 CONFLICTING = """
@@ -108,11 +108,11 @@ at_least = 0.8
 
 
 @pytest.fixture(scope="module")
-def missed():
+def infeasible_design():
     return design_sensor(parse_requirements(CONFLICTING), search=ONE)
 
 
-def with_change(requirements, name, value):
+def with_value(requirements, name, value):
     """Return the requirements with a limit or number changed."""
     for i, limit in enumerate(requirements.limits):
         if limit.label == name:
@@ -123,66 +123,68 @@ def with_change(requirements, name, value):
     return requirements.changed(**{name: value})
 
 
-def keeps_all(requirements):
+def is_feasible(requirements):
     """Check if an optimised mirror meets all requirements, without relaxations."""
     return solve(requirements, problem_of(requirements), starts=1)[1].verdict.is_met
 
 
 @pytest.mark.full
-def test_single_relaxation_is_sufficient_and_minimal(missed):
+def test_single_relaxation_is_sufficient_and_minimal(infeasible_design):
     """Each relaxation is inserted in the requirements: feasible with it, infeasible with slightly
     less."""
-    assert not missed.is_met
-    helpful = [r for r in missed.conflict.alone if r.needed not in (None, r.requested)]
+    assert not infeasible_design.is_met
+    helpful = [r for r in infeasible_design.conflict.alone if r.needed not in (None, r.requested)]
     assert len(helpful) >= 3
     for r in helpful:
-        for relative_change, keeps in ((1.01, True), (0.97, False)):
-            changed = with_change(
-                missed.requirements,
+        for relative_change, feasible in ((1.01, True), (0.97, False)):
+            requirements = with_value(
+                infeasible_design.requirements,
                 r.name,
                 r.requested + relative_change * (r.needed - r.requested),
             )
-            assert keeps_all(changed) == keeps, (r, relative_change)
+            assert is_feasible(requirements) == feasible, (r, relative_change)
 
 
-def test_joint_relaxation_is_sufficient(missed):
-    conflict = missed.conflict
+def test_joint_relaxation_is_sufficient(infeasible_design):
+    conflict = infeasible_design.conflict
     assert (
         0
         < conflict.joint_change
         < min(r.relative_change for r in conflict.alone if r.needed is not None)
     )
-    changed = missed.requirements
+    requirements = infeasible_design.requirements
     for r in conflict.joint:
-        changed = with_change(changed, r.name, r.requested + 1.01 * (r.needed - r.requested))
-    assert keeps_all(changed)
+        requirements = with_value(
+            requirements, r.name, r.requested + 1.01 * (r.needed - r.requested)
+        )
+    assert is_feasible(requirements)
 
 
 @pytest.mark.full  # mirrors without optimisation are tested in every run
-def test_joint_relaxation_is_minimal(missed):
+def test_joint_relaxation_is_minimal(infeasible_design):
     """Each one reset to the original, with the others relaxed, violates a requirement."""
-    joint = missed.conflict.joint
+    joint = infeasible_design.conflict.joint
     assert len(joint) >= 2
     for r in joint:
-        changed = missed.requirements
+        requirements = infeasible_design.requirements
         for other in (other for other in joint if other is not r):
-            changed = with_change(changed, other.name, other.needed)
-        assert not keeps_all(changed), r
+            requirements = with_value(requirements, other.name, other.needed)
+        assert not is_feasible(requirements), r
 
 
-def test_infeasible_limits_are_missed_by_minimum(missed):
+def test_infeasible_limits_are_missed_by_minimum(infeasible_design):
     """Relaxed by slightly more than its violation, it is feasible with all others; by slightly
     less, it is not."""
-    rows = [row for row in missed.rows if row.label in missed.verdict.missed]
-    assert 0 < len(rows) < len(missed.requirements.limits)
-    for factor, keeps in ((1.01, True), (0.97, False)):
-        changed = missed.requirements
+    rows = [row for row in infeasible_design.rows if row.label in infeasible_design.verdict.missed]
+    assert 0 < len(rows) < len(infeasible_design.requirements.limits)
+    for factor, feasible in ((1.01, True), (0.97, False)):
+        requirements = infeasible_design.requirements
         for row in rows:
-            way = 1 if row.at_most is not None else -1
-            changed = with_change(
-                changed, row.label, row.scale * (1 + way * factor * row.shortfall)
+            sign = 1 if row.at_most is not None else -1
+            requirements = with_value(
+                requirements, row.label, row.scale * (1 + sign * factor * row.shortfall)
             )
-        assert keeps_all(changed) == keeps
+        assert is_feasible(requirements) == feasible
 
 
 def test_known_mirrors_are_reproduced_under_telecentric_lens():
@@ -191,19 +193,19 @@ def test_known_mirrors_are_reproduced_under_telecentric_lens():
         lens="orthographic", omega_max_deg=120, rim_radius_mm=20.0, family="conic-asphere", terms=1
     )
     R = 20.0 / np.tan(np.radians(60.0))
-    known = (
+    cases = (
         ("inverse_area_ratio", 1.0, 0.0),
         ("worst_aspect", 1.0, -1.0),
         ("viewpoint_spread_mm", 0.0, -1.0),
     )
-    for merit, value, conic in known:
+    for merit, value, conic in cases:
         best = optimise(problem, merit, starts=1)
         assert best.value == pytest.approx(value, abs=1e-6)
         mirror = best.sensor.mirror
         x = np.linspace(0, 20.0, 50)
         radius = 20.0 / np.sin(np.radians(60.0)) if conic == 0 else R
-        known = x**2 / (radius * (1 + np.sqrt(1 - (1 + conic) * (x / radius) ** 2)))
-        np.testing.assert_allclose(mirror.sag(x), known, atol=2e-4)
+        cases = x**2 / (radius * (1 + np.sqrt(1 - (1 + conic) * (x / radius) ** 2)))
+        np.testing.assert_allclose(mirror.sag(x), cases, atol=2e-4)
 
 
 def test_telecentric_design_reports_required_lens_diameter():
@@ -222,13 +224,13 @@ def test_telecentric_design_reports_required_lens_diameter():
     result = om.evaluate(design.sensor, np.linspace(0, 110, 2001))
     worst = max(np.abs(result.blur_t_deg).max(), np.abs(result.blur_s_deg).max())
     assert design.optimum.value == pytest.approx(worst, rel=1e-4)
-    again = om.best_focus(design.sensor, "worst_blur_deg")
-    assert again.value >= worst * (1 - 1e-5)
-    by_rays = om.check_blur(
+    optimum = om.best_focus(design.sensor, "worst_blur_deg")
+    assert optimum.value >= worst * (1 - 1e-5)
+    ray_blur = om.check_blur(
         design.sensor, [4.0, 8.0], omega_deg=np.linspace(5, 105, 11)
     )  # through the full aperture
     for edge in ("edge_t_px", "edge_s_px"):
-        wide, narrow = by_rays.max_abs(edge)
+        wide, narrow = ray_blur.max_abs(edge)
         assert narrow < wide / 6 < 0.2 / 6  # the error of second-order optics is of third order
 
 

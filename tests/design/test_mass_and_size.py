@@ -29,8 +29,8 @@ f_number = 8.0
 """
 
 
-def limited(quantity, most):
-    return f'\n[[limit]]\nquantity = "{quantity}"\nat_most = {most}\n'
+def limited(quantity, at_most):
+    return f'\n[[limit]]\nquantity = "{quantity}"\nat_most = {at_most}\n'
 
 
 def rows(requirements, sensor):
@@ -40,37 +40,39 @@ def rows(requirements, sensor):
 def test_sizes_and_mass_agree_with_solids():
     """Spherical cap with 5 mm behind it in a dome, by textbook formulas."""
     names = ("overall_diameter_mm", "overall_height_mm", "mirror_body_mass_g")
-    asked = parse_requirements(TEXT + "".join(limited(name, 1e3) for name in names))
+    requirements = parse_requirements(TEXT + "".join(limited(name, 1e3) for name in names))
     sensor = om.load_sensor("paper-spherical")
     M, A, m = sensor.mirror.rim_radius_mm, sensor.mirror.radius_mm, sensor.mirror_distance_mm
     height = A - np.sqrt(A**2 - M**2)
     cap = np.pi * height**2 * (A - height / 3)
-    found = rows(asked, sensor)
-    assert found["overall_diameter_mm"] == pytest.approx(2 * M)
-    assert found["overall_height_mm"] == pytest.approx(sensor.lens.image_distance + m + height + 5)
+    values = rows(requirements, sensor)
+    assert values["overall_diameter_mm"] == pytest.approx(2 * M)
+    assert values["overall_height_mm"] == pytest.approx(sensor.lens.image_distance + m + height + 5)
     body = np.pi * M**2 * (height + 5) - (np.pi * M**2 * height - cap)
-    assert found["mirror_body_mass_g"] == pytest.approx(2.70e-3 * body, rel=1e-6)
+    assert values["mirror_body_mass_g"] == pytest.approx(2.70e-3 * body, rel=1e-6)
     acrylic = replace(sensor, thermal=om.Thermal(mirror_material="acrylic"))
-    assert rows(asked, acrylic)["mirror_body_mass_g"] == pytest.approx(1.19e-3 * body, rel=1e-6)
+    assert rows(requirements, acrylic)["mirror_body_mass_g"] == pytest.approx(
+        1.19e-3 * body, rel=1e-6
+    )
     domed = replace(sensor, housing=Housing(shell=Dome(diameter_mm=320.0)))
-    assert rows(asked, domed)["overall_diameter_mm"] == pytest.approx(320.0)
+    assert rows(requirements, domed)["overall_diameter_mm"] == pytest.approx(320.0)
     behind_a_window = replace(sensor, housing=Housing(shell=FlatWindow()))
     assert outer_size(behind_a_window).diameter_mm == pytest.approx(2 * M)
 
 
 @pytest.mark.parametrize(
-    ("quantity", "most"), [("mirror_body_mass_g", 40.0), ("overall_height_mm", 120.0)]
+    ("quantity", "at_most"), [("mirror_body_mass_g", 40.0), ("overall_height_mm", 120.0)]
 )
-def test_design_meets_size_and_mass_limits(quantity, most):
+def test_design_meets_size_and_mass_limits(quantity, at_most):
     """Larger mirrors with this lens are sharper: a blur limit favours those, and size and mass
     limits oppose it."""
     blur = limited("total_blur_deg", 5.0)
     free = om.design_sensor(parse_requirements(TEXT + blur)).sensor
-    asked = parse_requirements(TEXT + blur + limited(quantity, most))
-    assert rows(asked, free)[quantity] > 1.5 * most
-    found = om.design_sensor(asked)
-    assert found.is_met
-    assert found.sensor.mirror.rim_radius_mm < free.mirror.rim_radius_mm
+    requirements = parse_requirements(TEXT + blur + limited(quantity, at_most))
+    assert rows(requirements, free)[quantity] > 1.5 * at_most
+    design = om.design_sensor(requirements)
+    assert design.is_met
+    assert design.sensor.mirror.rim_radius_mm < free.mirror.rim_radius_mm
 
 
 def test_overall_height_starts_at_imager_of_surface_lens(tmp_path):
@@ -109,29 +111,32 @@ range_c = [-20, 60]
 
 
 def test_limits_are_evaluated_at_both_temperatures():
-    asked = parse_requirements(WARM)
-    assert asked.temperatures_c == (-20.0, 60.0)
-    assert parse_requirements(om.format_requirements(asked)) == asked
+    requirements = parse_requirements(WARM)
+    assert requirements.temperatures_c == (-20.0, 60.0)
+    assert parse_requirements(om.format_requirements(requirements)) == requirements
     sensor = om.load_sensor("paper-spherical")
-    (row,) = om.check_requirements(asked, sensor).limits
+    (row,) = om.check_requirements(requirements, sensor).limits
     thermal = om.Thermal(mirror_material="acrylic", spacer_material="aluminium")
-    plain = replace(asked, thermal=None, temperatures_c=None)
-    known = replace(sensor, thermal=thermal)
-    each = [rows(plain, om.at_temperature(known, c))["total_blur_px"] for c in (20.0, -20.0, 60.0)]
-    assert row.reached == pytest.approx(max(each), rel=1e-9)
-    assert np.ptp(each) > 0.01
+    plain = replace(requirements, thermal=None, temperatures_c=None)
+    thermal_sensor = replace(sensor, thermal=thermal)
+    values = [
+        rows(plain, om.at_temperature(thermal_sensor, c))["total_blur_px"]
+        for c in (20.0, -20.0, 60.0)
+    ]
+    assert row.reached == pytest.approx(max(values), rel=1e-9)
+    assert np.ptp(values) > 0.01
     assert "smallest margin at" in row.remarks[-1]
 
 
 def test_design_reports_thermal_shift():
-    found = om.design_sensor(parse_requirements(WARM))
-    assert found.sensor.thermal == om.Thermal(
+    design = om.design_sensor(parse_requirements(WARM))
+    assert design.sensor.thermal == om.Thermal(
         mirror_material="acrylic", spacer_material="aluminium"
     )
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         (WARM.replace("[-20, 60]", "[30, 60]"), "must contain reference_c = 20"),
         (WARM.replace("[-20, 60]", "[-20]"), "range_c"),
@@ -143,7 +148,7 @@ def test_design_reports_thermal_shift():
         ),
     ],
 )
-def test_invalid_entries_raise_one_sentence(text, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence) as said:
+def test_invalid_entries_raise_one_message(text, message):
+    with pytest.raises(OmnimirrorError, match=message) as error:
         parse_requirements(text)
-    assert "\n" not in str(said.value)
+    assert "\n" not in str(error.value)

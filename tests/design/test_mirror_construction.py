@@ -39,11 +39,11 @@ def test_coefficients_agree_with_table_1_of_paper():
 def test_every_family_meets_rim_requirements(family, omega, theta, conic):
     if not theta + 2 < omega < 178 - theta or (theta == 0 and family in ("cone", "hyperboloid")):
         return
-    placed = FAMILIES[family](RimRay(omega, theta, M), conic if family == "ellipsoid" else None)
-    meridian = Meridian(placed.mirror, placed.distance_mm)
+    mounted = FAMILIES[family](RimRay(omega, theta, M), conic if family == "ellipsoid" else None)
+    meridian = Meridian(mounted.mirror, mounted.distance_mm)
     assert np.degrees(meridian.omega_max) == pytest.approx(omega, rel=1e-9)
     assert np.degrees(meridian.theta_max) == pytest.approx(theta, abs=1e-9)
-    assert placed.mirror.rim_radius_mm == M
+    assert mounted.mirror.rim_radius_mm == M
 
 
 @pytest.mark.parametrize("theta", [12.0, 0.0])
@@ -62,14 +62,14 @@ def test_free_conics_are_continuous_at_borders(theta):
 
 
 def test_free_hyperboloid_has_single_viewpoint():
-    placed = FAMILIES["hyperboloid"](RimRay(110.0, 18.0, M), None)
-    rays = Meridian(placed.mirror, placed.distance_mm).trace(np.linspace(0.01, 1, 30) * M)
+    mounted = FAMILIES["hyperboloid"](RimRay(110.0, 18.0, M), None)
+    rays = Meridian(mounted.mirror, mounted.distance_mm).trace(np.linspace(0.01, 1, 30) * M)
     assert np.ptp(rays.z + rays.viewpoint_offset()) < 1e-10
-    assert placed.distance_mm == pytest.approx(placed.mirror.single_viewpoint_distance, rel=1e-13)
+    assert mounted.distance_mm == pytest.approx(mounted.mirror.single_viewpoint_distance, rel=1e-13)
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("construct", "message"),
     [
         (lambda: RimRay(170.0, 12.0, M), "omega_max_deg must be between 12 and 168 .* got 170"),
         (lambda: RimRay(10.0, 12.0, M), "omega_max_deg must be between .* got 10"),
@@ -101,9 +101,9 @@ def test_free_hyperboloid_has_single_viewpoint():
         (lambda: FAMILIES["cone"](RimRay(135.0, 0.0, M), None), "images a single field angle"),
     ],
 )
-def test_infeasible_family_parameters_are_rejected(make, message):
+def test_infeasible_family_parameters_are_rejected(construct, message):
     with pytest.raises(InvalidParameter, match=message):
-        make()
+        construct()
 
 
 def test_conformal_mirror_is_returned_as_conic():
@@ -113,11 +113,11 @@ def test_conformal_mirror_is_returned_as_conic():
 
 def test_function_is_accepted_as_mapping():
     rim = RimRay(135.0, 0.0, M)
-    found = generated_mirror(lambda omega: np.sin(omega / 2), rim)
+    mounted = generated_mirror(lambda omega: np.sin(omega / 2), rim)
     sphere = Sphere(M / np.sin(np.radians(67.5)), M)
     x = np.linspace(0, M, 40)
-    np.testing.assert_allclose(found.mirror.sag(x), sphere.sag(x), rtol=1e-9, atol=1e-12)
-    assert np.isinf(found.distance_mm)
+    np.testing.assert_allclose(mounted.mirror.sag(x), sphere.sag(x), rtol=1e-9, atol=1e-12)
+    assert np.isinf(mounted.distance_mm)
 
 
 @pytest.mark.parametrize(

@@ -19,44 +19,47 @@ M = 43.9
 EQUIDISTANT = generated_mirror("equidistant", RimRay(135.0, 12.0, M))
 
 
-def linearity(placed: MountedMirror) -> np.ndarray:
+def linearity(mounted: MountedMirror) -> np.ndarray:
     """Return deviations of evaluated heights from the line between the centre and 135 deg at the
     rim."""
     sensor = om.Sensor(
-        placed.mirror,
+        mounted.mirror,
         Perspective(11.6, 4.0, 206.0),
         Imager(1024, 1024, 5.2),
-        mirror_distance_mm=placed.distance_mm,
+        mirror_distance_mm=mounted.distance_mm,
     )
     omega = np.linspace(0.5, 135.0, 2000)
     assert sensor.field_deg[1] >= 135.0 - 1e-9
     return om.evaluate(sensor, omega).h_px / sensor.rim_radius_px - omega / 135.0
 
 
-@pytest.mark.parametrize(("terms", "most"), [(3, 0.066e-2), (4, 0.0058e-2), (5, 0.0006e-2)])
-def test_equidistant_polynomial_deviates_less_than_papers(terms, most):
+@pytest.mark.parametrize(
+    ("terms", "max_deviation"), [(3, 0.066e-2), (4, 0.0058e-2), (5, 0.0006e-2)]
+)
+def test_equidistant_polynomial_deviates_less_than_papers(terms, max_deviation):
     fit = fit_mirror(EQUIDISTANT, f"polynomial:{terms}")
-    off = linearity(fit.mounted)
-    assert np.abs(off).max() <= most
-    assert np.abs(off).max() == pytest.approx(fit.mapping, rel=2e-2)
+    errors = linearity(fit.mounted)
+    assert np.abs(errors).max() <= max_deviation
+    assert np.abs(errors).max() == pytest.approx(fit.mapping, rel=2e-2)
 
 
 def test_deviation_of_papers_polynomial():
     """0.49 % from the line through centre and rim: the measure by which the fits are better."""
     paper = om.load_sensor("paper-equidistant")
     omega = np.linspace(0.5, paper.field_deg[1], 2000)
-    off = om.evaluate(paper, omega).h_px / paper.rim_radius_px - omega / omega[-1]
-    assert np.abs(off).max() == pytest.approx(0.0049, abs=5e-5)
+    errors = om.evaluate(paper, omega).h_px / paper.rim_radius_px - omega / omega[-1]
+    assert np.abs(errors).max() == pytest.approx(0.0049, abs=5e-5)
 
 
 def test_minimax_fit_equioscillates():
     """Chebyshev: three free terms leave four extremes of equal size and alternating sign."""
-    off = linearity(fit_mirror(EQUIDISTANT, "polynomial:3").mounted)
-    peak = np.abs(off).max()
-    signs = np.sign(off[np.abs(off) > 0.97 * peak])
+    errors = linearity(fit_mirror(EQUIDISTANT, "polynomial:3").mounted)
+    peak = np.abs(errors).max()
+    signs = np.sign(errors[np.abs(errors) > 0.97 * peak])
     assert np.count_nonzero(np.diff(signs)) >= 2
     extremes = [
-        np.abs(part).max() for part in np.split(off, np.flatnonzero(np.diff(np.sign(off))) + 1)
+        np.abs(part).max()
+        for part in np.split(errors, np.flatnonzero(np.diff(np.sign(errors))) + 1)
     ]
     assert len(extremes) >= 4
     assert sorted(extremes)[-3:] == pytest.approx([peak] * 3, rel=0.03)
@@ -82,8 +85,8 @@ def test_each_merit_is_minimised_by_its_own_fit(form, theta):
         assert np.abs(
             fit.mounted.mirror.sag(x) - target.mirror.sag(x)
         ).max() * 1e3 == pytest.approx(fit.sag_um, rel=1e-2)
-        turn = np.arctan(fit.mounted.mirror.slope(x)) - np.arctan(target.mirror.slope(x))
-        assert np.abs(turn).max() * 1e3 == pytest.approx(fit.slope_mrad, rel=1e-2)
+        rotation = np.arctan(fit.mounted.mirror.slope(x)) - np.arctan(target.mirror.slope(x))
+        assert np.abs(rotation).max() * 1e3 == pytest.approx(fit.slope_mrad, rel=1e-2)
 
 
 @pytest.mark.full
@@ -91,8 +94,8 @@ def test_each_merit_is_minimised_by_its_own_fit(form, theta):
 def test_deviation_does_not_increase_with_terms(mapping):
     target = generated_mirror(mapping, RimRay(135.0, 12.0, M))
     for kind, counts in (("polynomial", (2, 3, 5)), ("asphere", (0, 1, 2))):
-        found = [fit_mirror(target, f"{kind}:{n}").mapping for n in counts]
-        assert all(b < 1.001 * a for a, b in pairwise(found)), found
+        deviations = [fit_mirror(target, f"{kind}:{n}").mapping for n in counts]
+        assert all(b < 1.001 * a for a, b in pairwise(deviations)), deviations
     assert fit_mirror(target, "polynomial:8").mapping < 1e-6
 
 
@@ -105,10 +108,10 @@ def test_form_that_contains_target_reproduces_it():
         np.multiply(paraboloid.coefficients, [M, M**3]), rel=1e-9
     )
     sphere = MountedMirror(Sphere(50.0, M), 180.0)
-    found = fit_mirror(sphere, "asphere:0").mounted
-    assert found.mirror.vertex_radius_mm == pytest.approx(50.0, rel=1e-9)
-    assert found.mirror.conic == pytest.approx(0.0, abs=1e-8)
-    assert found.distance_mm == pytest.approx(180.0, rel=1e-9)
+    mounted = fit_mirror(sphere, "asphere:0").mounted
+    assert mounted.mirror.vertex_radius_mm == pytest.approx(50.0, rel=1e-9)
+    assert mounted.mirror.conic == pytest.approx(0.0, abs=1e-8)
+    assert mounted.distance_mm == pytest.approx(180.0, rel=1e-9)
 
 
 def test_fit_under_orthographic_lens_keeps_field():

@@ -22,7 +22,7 @@ HOUSINGS = {
 }
 
 
-def asked(*limits, rim=(20.0, 60.0), housing=None):
+def requirements(*limits, rim=(20.0, 60.0), housing=None):
     return om.Requirements(
         field=om.FieldRequirements(omega_max_deg=120),
         mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=rim),
@@ -38,11 +38,11 @@ def test_obscured_fraction_agrees_with_rays_of_pixels(name):
     sensor = replace(om.load_sensor("paper-spherical"), housing=HOUSINGS[name])
     side = np.linspace(-1, 1, 241) * sensor.rim_radius_px
     u, v = np.meshgrid(side, side)
-    within = np.hypot(u, v) < sensor.rim_radius_px * (1 - 1e-9)
-    pixels = np.stack([u[within], v[within]], axis=-1) + sensor.imager.centre
+    is_inside = np.hypot(u, v) < sensor.rim_radius_px * (1 - 1e-9)
+    pixels = np.stack([u[is_inside], v[is_inside]], axis=-1) + sensor.imager.centre
     hidden = np.any([*sensor.obscured_by(pixels).values()], axis=0)
     limit = om.Limit("obscured_percent", at_most=50.0)
-    (row,) = om.check_requirements(asked(limit, rim=43.9), sensor).limits
+    (row,) = om.check_requirements(requirements(limit, rim=43.9), sensor).limits
     assert row.reached == pytest.approx(100 * hidden.mean(), abs=0.15)
     assert row.reached == sensor.obscured_percent
     rows = {row.quantity.name: row.values for row in om.compare([sensor]).rows}
@@ -62,10 +62,12 @@ def test_design_meets_obscuration_limit():
     """Smaller mirrors have more obscuration: a length limit favours those, and the obscuration
     limit opposes it."""
     short = om.Limit("length_mm", at_most=200.0)
-    most = om.design_sensor(asked(short)).sensor.obscured_percent
-    design = om.design_sensor(asked(short, om.Limit("obscured_percent", at_most=most / 2)))
+    obscured_percent = om.design_sensor(requirements(short)).sensor.obscured_percent
+    design = om.design_sensor(
+        requirements(short, om.Limit("obscured_percent", at_most=obscured_percent / 2))
+    )
     assert design.is_met
-    assert design.sensor.obscured_percent <= most / 2 * (1 + 1e-6)
+    assert design.sensor.obscured_percent <= obscured_percent / 2 * (1 + 1e-6)
     (_, row) = design.verdict.limits
     assert row.reached == pytest.approx(design.sensor.obscured_percent, rel=1e-12)
 
@@ -73,7 +75,7 @@ def test_design_meets_obscuration_limit():
 def test_zero_obscuration_may_be_required():
     limit = om.Limit("obscured_to_deg", at_most=0.0)
     verdict = om.check_requirements(
-        asked(limit, rim=43.9, housing=Housing()), om.load_sensor("paper-spherical")
+        requirements(limit, rim=43.9, housing=Housing()), om.load_sensor("paper-spherical")
     )
     assert verdict.limits[0].is_met
 
@@ -86,7 +88,7 @@ def test_obscuration_limit_rejects_field_range():
 def test_design_without_limits_reports_obscuration():
     """The disc around the lens obscures light from a field angle on: by rays of the designed
     sphere."""
-    words = (
+    arguments = (
         "--mirror",
         "sphere",
         "--omega-max-deg",
@@ -96,13 +98,13 @@ def test_design_without_limits_reports_obscuration():
         "--focal-length-mm",
         8,
     )
-    said = omnimirror(
-        "design", *words, "--f-number", 4, "--set", "housing.camera.diameter_mm=120"
+    stdout = omnimirror(
+        "design", *arguments, "--f-number", 4, "--set", "housing.camera.diameter_mm=120"
     ).stdout
-    assert "obscured: camera 0 to " in said
-    told = float(re.search(r"camera 0 to ([\d.]+) deg", said)[1])
-    distance = float(re.search(r"lens ([\d.]+) mm", said)[1])
-    theta = float(re.search(r"theta_max_deg = ([\d.]+)", said)[1])
+    assert "obscured: camera 0 to " in stdout
+    angle_deg = float(re.search(r"camera 0 to ([\d.]+) deg", stdout)[1])
+    distance = float(re.search(r"lens ([\d.]+) mm", stdout)[1])
+    theta = float(re.search(r"theta_max_deg = ([\d.]+)", stdout)[1])
     slope_deg = (110 - theta) / 2  # of the rim: the normal bisects the angle
     radius = 30 / np.sin(np.radians(slope_deg))
 
@@ -113,5 +115,5 @@ def test_design_without_limits_reports_obscuration():
         x, z = point(a)
         return 2 * a + np.arctan2(x, distance + z)
 
-    x, z = point(brentq(lambda a: omega(a) - np.radians(told), 0, 1.2))
-    assert x + (distance + z) * np.tan(np.radians(told)) == pytest.approx(60, rel=2e-3)
+    x, z = point(brentq(lambda a: omega(a) - np.radians(angle_deg), 0, 1.2))
+    assert x + (distance + z) * np.tan(np.radians(angle_deg)) == pytest.approx(60, rel=2e-3)

@@ -38,9 +38,9 @@ from tests.optics.lenses import prescriptions
 RINGS = (0.5, 1.0)
 LENSES = tuple(
     LensComponent(
-        f"{f:g} mm", f, F, most, near, circle, rings, price=price, mass_g=20.0, mount=mount
+        f"{f:g} mm", f, F, max_f_number, near, circle, rings, price=price, mass_g=20.0, mount=mount
     )
-    for f, F, most, near, circle, rings, price, mount in (
+    for f, F, max_f_number, near, circle, rings, price, mount in (
         (2.8, 2.0, 2.0, 30.0, 6.6, (), 8.0, "M12"),
         (4.0, 1.8, 8.0, 40.0, 7.2, (), 40.0, ""),
         (8.0, 1.4, 16.0, 100.0, 11.0, RINGS, 120.0, "C"),
@@ -68,12 +68,12 @@ SHELF = Catalogue(
         DomeComponent("dome 200", 200.0, 3.0, price=12.0),
     ),
 )
-FEW = Catalogue((*SHELF.lenses[:3], SHELF.lenses[-1]), IMAGERS[:2])
+REDUCED_SHELF = Catalogue((*SHELF.lenses[:3], SHELF.lenses[-1]), IMAGERS[:2])
 BLUR = om.Limit("total_blur_deg", at_most=0.9)
 FINE = om.Limit("resolution_px_per_deg", at_least=4.0, omega_deg=(40, 100))
 
 
-def asked(*limits, mirror=None, lens=None, **parts):
+def requirements_of(*limits, mirror=None, lens=None, **parts):
     return om.Requirements(
         field=om.FieldRequirements(
             omega_max_deg=120, omega_min_deg=15, object_distance_mm=(800, np.inf)
@@ -85,22 +85,24 @@ def asked(*limits, mirror=None, lens=None, **parts):
     )
 
 
-def by_itself(wanted, combination):
+def exhaustive_design(requirements, combination):
     """Return the design of a single combination by the search over ranges; None if infeasible."""
     try:
-        _, best = _parameter_search.solve(requirements_with_parts(wanted, combination))
+        _, best = _parameter_search.solve(requirements_with_parts(requirements, combination))
     except OmnimirrorError:
         return None
     return best
 
 
-WANTED = [
-    asked(BLUR, FINE),
-    asked(
+CASES = [
+    requirements_of(BLUR, FINE),
+    requirements_of(
         om.Limit("mtf", at_least=0.25, cycles_per_px=0.2, omega_deg=(20, 90)),
         om.Limit("length_mm", at_most=150),
     ),
-    asked(BLUR, FINE, mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=30)),
+    requirements_of(
+        BLUR, FINE, mirror=om.MirrorRequirements(mapping="equidistant", rim_radius_mm=30)
+    ),
 ]
 
 
@@ -108,38 +110,38 @@ SMALL = Catalogue(LENSES[1:2], IMAGERS[:2])
 
 
 @pytest.mark.parametrize(
-    ("wanted", "shelf"),
+    ("requirements", "shelf"),
     [
-        pytest.param(WANTED[0], FEW, id="few"),
-        pytest.param(WANTED[0], SHELF, id="blur", marks=pytest.mark.full),
-        pytest.param(WANTED[1], SMALL, id="contrast", marks=pytest.mark.full),
+        pytest.param(CASES[0], REDUCED_SHELF, id="few"),
+        pytest.param(CASES[0], SHELF, id="blur", marks=pytest.mark.full),
+        pytest.param(CASES[1], SMALL, id="contrast", marks=pytest.mark.full),
         pytest.param(
-            WANTED[2], Catalogue(LENSES[1:4], IMAGERS), id="mapping", marks=pytest.mark.full
+            CASES[2], Catalogue(LENSES[1:4], IMAGERS), id="mapping", marks=pytest.mark.full
         ),
     ],
 )
-def test_search_agrees_with_exhaustive_design(wanted, shelf):
-    found = om.design_from_parts(wanted, shelf, max_designs=100)
-    names = {design.combination.name for design in found.found}
-    everything = combinations_of(shelf, wanted)
-    for combination in everything:
+def test_search_agrees_with_exhaustive_design(requirements, shelf):
+    result = om.design_from_parts(requirements, shelf, max_designs=100)
+    names = {design.combination.name for design in result.found}
+    combinations = combinations_of(shelf, requirements)
+    for combination in combinations:
         if combination.lens.mount and not set(combination.lens.mount.split()) & set(
             combination.imager.mount.split()
         ):
             assert combination.name not in names
             continue
-        best = by_itself(wanted, combination)
-        does = best is not None and best.verdict.is_met and reaches(combination, best.sensor)
-        assert does == (combination.name in names), combination.name
+        best = exhaustive_design(requirements, combination)
+        is_feasible = best is not None and best.verdict.is_met and focuses(combination, best.sensor)
+        assert is_feasible == (combination.name in names), combination.name
     assert names
     assert (
-        len(names) + sum(found.cut.values()) + sum(found.missed.values())
-        == found.combinations
-        == len(everything)
+        len(names) + sum(result.cut.values()) + sum(result.missed.values())
+        == result.combinations
+        == len(combinations)
     )
 
 
-def reaches(combination, sensor):
+def focuses(combination, sensor):
     lens = combination.lens
     return (
         isinstance(lens, TelecentricComponent)
@@ -152,82 +154,88 @@ def reaches(combination, sensor):
 def test_combinations_excluded_by_bounds_are_infeasible(shelf):
     """Limits close to the values of these parts; bounds exclude some of them and keep others."""
     finer = om.Limit("resolution_px_per_deg", at_least=3.1, omega_deg=(16, 119))
-    wanted = asked(
+    requirements = requirements_of(
         finer, om.Limit("length_mm", at_most=150), om.Limit("total_blur_deg", at_most=2.0)
     )
     reasons = {
-        combination: cut(wanted, combination) for combination in combinations_of(shelf, wanted)
+        combination: cut(requirements, combination)
+        for combination in combinations_of(shelf, requirements)
     }
     for combination, reason in reasons.items():
         if reason in ("too large", "too few pixels", "too much diffraction"):
-            best = by_itself(wanted, combination)
+            best = exhaustive_design(requirements, combination)
             assert best is None or not best.verdict.is_met, (reason, combination.name)
     assert {"too large", None} <= set(reasons.values())
 
 
 def test_combinations_limited_by_diffraction_are_excluded():
     dark = replace(LENSES[2], f_number_min=22.0, f_number_max=32.0, mount="")
-    wanted = asked(om.Limit("mtf", at_least=0.3, cycles_per_px=0.3, omega_deg=(20, 90)))
-    (combination,) = combinations_of(Catalogue((dark,), (replace(IMAGERS[1], mount=""),)), wanted)
-    assert cut(wanted, combination) == "too much diffraction"
-    sensor = om.design_sensor(requirements_with_parts(asked(), combination)).sensor
+    requirements = requirements_of(
+        om.Limit("mtf", at_least=0.3, cycles_per_px=0.3, omega_deg=(20, 90))
+    )
+    (combination,) = combinations_of(
+        Catalogue((dark,), (replace(IMAGERS[1], mount=""),)), requirements
+    )
+    assert cut(requirements, combination) == "too much diffraction"
+    sensor = om.design_sensor(requirements_with_parts(requirements_of(), combination)).sensor
     sharp = om.mtf(sensor, [30.0], cycles_per_px=[0.3])
     assert sharp.sagittal[0, 0] < 0.3
 
 
 def test_verdict_of_parts_design_agrees_with_check():
-    wanted = WANTED[0]
-    for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
-        own = requirements_with_parts(wanted, design.combination)
-        assert om.check_requirements(own, design.design.sensor).is_met
+    requirements = CASES[0]
+    for design in om.design_from_parts(requirements, SHELF, max_designs=100).found:
+        completed = requirements_with_parts(requirements, design.combination)
+        assert om.check_requirements(completed, design.design.sensor).is_met
         low, high = design.combination.f_numbers
         assert low <= design.design.sensor.lens.f_number <= high
-        assert design.design.sensor.rim_radius_px <= own.largest_image_px + 0.02
+        assert design.design.sensor.rim_radius_px <= completed.largest_image_px + 0.02
 
 
 @pytest.mark.full
 def test_f_number_minimises_blur():
-    wanted = asked(BLUR)
-    for design in om.design_from_parts(wanted, SHELF, max_designs=100).found:
-        own, sensor = requirements_with_parts(wanted, design.combination), design.design.sensor
+    requirements = requirements_of(BLUR)
+    for design in om.design_from_parts(requirements, SHELF, max_designs=100).found:
+        completed, sensor = (
+            requirements_with_parts(requirements, design.combination),
+            design.design.sensor,
+        )
         best = design.design.verdict.limits[0].shortfall
         F = sensor.lens.f_number
         for other in (0.93 * F, 1.07 * F):
             if design.combination.f_numbers[0] <= other <= design.combination.f_numbers[1]:
-                verdict = om.design_sensor(own.changed(f_number=other)).verdict
+                verdict = om.design_sensor(completed.changed(f_number=other)).verdict
                 assert verdict.limits[0].shortfall >= best - SLACK
 
 
 def test_designs_are_sorted_by_price_and_limited_in_number():
-    found = om.design_from_parts(WANTED[0], SHELF, max_designs=2)
-    prices = [design.price for design in found.found]
+    result = om.design_from_parts(CASES[0], SHELF, max_designs=2)
+    prices = [design.price for design in result.found]
     assert prices == sorted(prices)
     assert len(prices) == 2
-    assert found.left > 0
-    all_of_them = om.design_from_parts(WANTED[0], SHELF, max_designs=100)
-    assert [d.combination for d in all_of_them.found[:2]] == [d.combination for d in found.found]
-    assert all_of_them.left == 0
+    assert result.left > 0
+    complete = om.design_from_parts(CASES[0], SHELF, max_designs=100)
+    assert [d.combination for d in complete.found[:2]] == [d.combination for d in result.found]
+    assert complete.left == 0
 
 
 def test_pareto_front_holds_no_dominated_designs():
-    everything = om.design_from_parts(WANTED[0], SHELF, max_designs=100).found
-    front = om.design_from_parts(WANTED[0], SHELF, front=True).found
-    best, wanted = np.inf, []
-    for design in everything:
+    designs = om.design_from_parts(CASES[0], SHELF, max_designs=100).found
+    front = om.design_from_parts(CASES[0], SHELF, front=True).found
+    best, expected = np.inf, []
+    for design in designs:
         if design.worst_floored_area_deg2 < best:
             best = design.worst_floored_area_deg2
-            wanted.append(design.combination.name)
-    assert [design.combination.name for design in front] == wanted
+            expected.append(design.combination.name)
+    assert [design.combination.name for design in front] == expected
 
 
 @pytest.mark.parametrize(
-    "shelf", [FEW, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
+    "shelf", [REDUCED_SHELF, pytest.param(SHELF, marks=pytest.mark.full)], ids=["few", "all"]
 )
 def test_result_is_independent_of_number_of_processes(monkeypatch, shelf):
     monkeypatch.setattr(parts_search, "MAX_SERIAL_COMBINATIONS", 0)
-    one, two = (
-        om.design_from_parts(WANTED[0], shelf, max_designs=100, processes=n) for n in (1, 2)
-    )
+    one, two = (om.design_from_parts(CASES[0], shelf, max_designs=100, processes=n) for n in (1, 2))
     assert [(d.combination, d.worst_floored_area_deg2) for d in one.found] == [
         (d.combination, d.worst_floored_area_deg2) for d in two.found
     ]
@@ -235,9 +243,11 @@ def test_result_is_independent_of_number_of_processes(monkeypatch, shelf):
 
 
 def test_mirror_ranges_are_searched_for_each_combination():
-    wanted = asked(BLUR, mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=(20, 40)))
-    few = Catalogue(LENSES[2:3], IMAGERS[:1])
-    (design,) = om.design_from_parts(wanted, few).found
+    requirements = requirements_of(
+        BLUR, mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=(20, 40))
+    )
+    catalogue = Catalogue(LENSES[2:3], IMAGERS[:1])
+    (design,) = om.design_from_parts(requirements, catalogue).found
     assert 20 <= design.design.sensor.mirror.rim_radius_mm <= 40
 
 
@@ -251,11 +261,11 @@ def test_mirror_ranges_are_searched_for_each_combination():
 )
 def test_mirror_ball_is_used_up_to_the_required_field(shelf):
     mirror = om.MirrorRequirements(family="sphere", rim_radius_mm=(10, 60))
-    wanted = asked(om.Limit("total_blur_deg", at_most=1.5), mirror=mirror)
-    wanted = replace(wanted, parts=om.PartsRequirements(mirror="ball"))
-    found = om.design_from_parts(wanted, shelf, max_designs=100).found
-    assert {design.combination.ball.name for design in found} == {"ball 50", "ball 80"}
-    for design in found:
+    requirements = requirements_of(om.Limit("total_blur_deg", at_most=1.5), mirror=mirror)
+    requirements = replace(requirements, parts=om.PartsRequirements(mirror="ball"))
+    designs = om.design_from_parts(requirements, shelf, max_designs=100).found
+    assert {design.combination.ball.name for design in designs} == {"ball 50", "ball 80"}
+    for design in designs:
         sensor = design.design.sensor
         assert isinstance(sensor.mirror, Sphere)
         assert 2 * sensor.mirror.radius_mm == pytest.approx(
@@ -266,13 +276,17 @@ def test_mirror_ball_is_used_up_to_the_required_field(shelf):
 
 
 def test_dome_encloses_mirror_where_it_fits():
-    wanted = asked(om.Limit("total_blur_deg", at_most=2.0, omega_deg=(90, 110)), dome=True)
-    wanted = replace(wanted, field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=89))
-    found = om.design_from_parts(wanted, SHELF, max_designs=100)
-    assert {design.combination.dome.name for design in found.found} == {
+    requirements = requirements_of(
+        om.Limit("total_blur_deg", at_most=2.0, omega_deg=(90, 110)), dome=True
+    )
+    requirements = replace(
+        requirements, field=om.FieldRequirements(omega_max_deg=120, omega_min_deg=89)
+    )
+    result = om.design_from_parts(requirements, SHELF, max_designs=100)
+    assert {design.combination.dome.name for design in result.found} == {
         "dome 200"
     }  # mirror of 60 mm
-    for design in found.found:
+    for design in result.found:
         assert design.design.sensor.housing.shell.diameter_mm == 200.0
         assert outer_size(design.design.sensor).diameter_mm == 200.0
 
@@ -303,22 +317,22 @@ def test_overall_size_and_mass_are_sums_of_parts():
     ],
 )
 def test_combinations_above_overall_limits_are_excluded_and_reported(parts, reason):
-    found = om.design_from_parts(
-        asked(om.Limit("total_blur_deg", at_most=2.0), **parts), SHELF, max_designs=100
+    result = om.design_from_parts(
+        requirements_of(om.Limit("total_blur_deg", at_most=2.0), **parts), SHELF, max_designs=100
     )
-    assert found.cut[reason] > 0
-    for design in found.found:
+    assert result.cut[reason] > 0
+    for design in result.found:
         rows = {row.name: row for row in design.design.rows}
         (name,) = (name for name in rows if name.startswith("whole"))
         assert rows[name].is_met
 
 
 def test_nearest_design_is_reported_without_feasible_combination():
-    found = om.design_from_parts(asked(FINE, om.Limit("aspect", at_most=0.9)), SHELF)
-    assert not found.is_met
-    assert found.nearest is not None
-    assert not found.nearest.is_met
-    assert json.dumps(found.to_dict())
+    result = om.design_from_parts(requirements_of(FINE, om.Limit("aspect", at_most=0.9)), SHELF)
+    assert not result.is_met
+    assert result.nearest is not None
+    assert not result.nearest.is_met
+    assert json.dumps(result.to_dict())
 
 
 # -- files and commands ----------------------------------------------------------------------------
@@ -351,8 +365,8 @@ def test_user_catalogue_from_file_and_command_line(tmp_path):
     )
     assert run.returncode == 0, run.stderr
     assert "2 combinations; 2 of them listed above" in run.stdout
-    found = json.loads((tmp_path / "found.json").read_text())["found"]
-    assert [(f["lens"], f["imager"], f["price"]) for f in found] == [
+    rows = json.loads((tmp_path / "found.json").read_text())["found"]
+    assert [(f["lens"], f["imager"], f["price"]) for f in rows] == [
         ("C 8 mm, iris", "2 MP", 180.0),
         ("C 8 mm, iris", "8 MP", 210.0),
     ]
@@ -367,12 +381,12 @@ def test_user_catalogue_from_file_and_command_line(tmp_path):
         "--at-most",
         "total_blur_deg=.8",
     )
-    again = omnimirror(
+    repeated = omnimirror(
         "design", *options, "--parts", "shelf.csv", "--set", "search.max_designs=1", cwd=tmp_path
     )
-    assert again.returncode == 0, again.stderr
-    assert "C 8 mm, iris + 2 MP" in again.stdout
-    assert "1 more expensive combinations not evaluated" in again.stdout
+    assert repeated.returncode == 0, repeated.stderr
+    assert "C 8 mm, iris + 2 MP" in repeated.stdout
+    assert "1 more expensive combinations not evaluated" in repeated.stdout
     none = omnimirror(
         "design", *options, "--parts", "shelf.csv", "--set", "parts.max_price=10", cwd=tmp_path
     )
@@ -384,13 +398,13 @@ def test_user_catalogue_from_file_and_command_line(tmp_path):
 
 
 def test_parts_table_round_trip(tmp_path):
-    wanted = parse_requirements(FILE, folder=tmp_path)
-    assert wanted.parts.catalogue == (str(tmp_path / "shelf.csv"),)
-    assert parse_requirements(format_requirements(wanted), folder=tmp_path) == wanted
+    requirements = parse_requirements(FILE, folder=tmp_path)
+    assert requirements.parts.catalogue == (str(tmp_path / "shelf.csv"),)
+    assert parse_requirements(format_requirements(requirements), folder=tmp_path) == requirements
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "sentence"),
+    ("old", "new", "message"),
     [
         (
             'family = "sphere"',
@@ -412,9 +426,9 @@ def test_parts_table_round_trip(tmp_path):
         ("max_price = 400", "catalog = 3", "unknown entry parts.catalog; did you mean catalogue"),
     ],
 )
-def test_invalid_parts_entries_are_rejected(old, new, sentence, tmp_path):
+def test_invalid_parts_entries_are_rejected(old, new, message, tmp_path):
     assert old in FILE
-    with pytest.raises(OmnimirrorError, match=sentence) as e:
+    with pytest.raises(OmnimirrorError, match=message) as e:
         parse_requirements(FILE.replace(old, new), folder=tmp_path)
     assert "\n" not in str(e.value)
 
@@ -422,17 +436,17 @@ def test_invalid_parts_entries_are_rejected(old, new, sentence, tmp_path):
 def test_search_without_parts_or_balls_is_rejected():
     with pytest.raises(OmnimirrorError, match="must contain parts"):
         om.design_from_parts(
-            replace(asked(BLUR), parts=None, lens=om.LensRequirements(theta_max_deg=10))
+            replace(requirements_of(BLUR), parts=None, lens=om.LensRequirements(theta_max_deg=10))
         )
-    wanted = replace(asked(BLUR), parts=om.PartsRequirements(mirror="ball"))
+    requirements = replace(requirements_of(BLUR), parts=om.PartsRequirements(mirror="ball"))
     with pytest.raises(OmnimirrorError, match="the catalogue must contain a ball"):
-        om.design_from_parts(wanted, Catalogue(LENSES, IMAGERS))
+        om.design_from_parts(requirements, Catalogue(LENSES, IMAGERS))
     with pytest.raises(OmnimirrorError, match=r"max_designs must be .*; got 0"):
-        om.design_from_parts(asked(BLUR), SHELF, max_designs=0)
+        om.design_from_parts(requirements_of(BLUR), SHELF, max_designs=0)
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("change", "message"),
     [
         (("price,mount\n", "cost,mount\n"), "line 1: unknown column 'cost'"),
         (("price,mount\n", "price,price\n"), "line 1: columns must be unique; price is repeated"),
@@ -457,10 +471,10 @@ def test_search_without_parts_or_balls_is_rejected():
         ((",120,C", ",120,C,more"), "line 2 must have 10 cells, as many as the header; got 11"),
     ],
 )
-def test_csv_errors_name_line_and_column(tmp_path, change, sentence):
+def test_csv_errors_name_line_and_column(tmp_path, change, message):
     assert change[0] in CSV
     (tmp_path / "shelf.csv").write_text(CSV.replace(*change))
-    with pytest.raises(OmnimirrorError, match=sentence):
+    with pytest.raises(OmnimirrorError, match=message):
         read_catalogue(tmp_path / "shelf.csv")
 
 
@@ -482,18 +496,18 @@ def test_accessories_count_in_price_and_mass():
         ExtraComponent("profile", "arm", price=10.0, mass_g=240.0),
     )
     shelf = replace(SMALL, extras=extras)
-    plain, more = (
-        om.design_from_parts(asked(BLUR, **given), shelf, max_designs=1).found[0]
-        for given in ({}, {"extras": ("heater", "arm")})
+    plain, extended = (
+        om.design_from_parts(requirements_of(BLUR, **options), shelf, max_designs=1).found[0]
+        for options in ({}, {"extras": ("heater", "arm")})
     )
-    assert more.price == plain.price + 19.0
-    assert more.mass_g == pytest.approx(plain.mass_g + 260.0)
-    assert more.to_dict()["extra"] == ["film", "profile"]
+    assert extended.price == plain.price + 19.0
+    assert extended.mass_g == pytest.approx(plain.mass_g + 260.0)
+    assert extended.to_dict()["extra"] == ["film", "profile"]
     with pytest.raises(
         OmnimirrorError,
         match=r"must contain an extra part with the use 'fan' .* it has heater, arm",
     ):
-        om.design_from_parts(asked(BLUR, extras=("fan",)), shelf)
+        om.design_from_parts(requirements_of(BLUR, extras=("fan",)), shelf)
 
 
 def test_bundled_catalogue_has_heater_arm_and_holder():
@@ -513,28 +527,28 @@ def test_catalogue_lens_may_refer_to_surface_file(tmp_path):
     (lens,) = shelf.lenses
     assert lens.focal_length_mm == pytest.approx(11.6, rel=0.01)
     assert (lens.f_number_min, lens.f_number_max) == (pytest.approx(4.0, rel=0.01), 11.0)
-    wanted = asked(om.Limit("total_blur_deg", at_most=2.0))
-    found = om.design_from_parts(wanted, shelf)
-    (design,) = found.found
+    requirements = requirements_of(om.Limit("total_blur_deg", at_most=2.0))
+    result = om.design_from_parts(requirements, shelf)
+    (design,) = result.found
     sensor = design.design.sensor
     assert isinstance(sensor.lens, SurfaceLens)
     assert sensor.field_deg[1] == pytest.approx(120.0, abs=1e-6)
     assert sensor.rim_radius_px == pytest.approx(512.0, abs=0.03)
-    alone = om.design_sensor(requirements_with_parts(wanted, design.combination)).sensor
+    alone = om.design_sensor(requirements_with_parts(requirements, design.combination)).sensor
     assert sensor.mirror.radius_mm == pytest.approx(alone.mirror.radius_mm, rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("line", "sentence"),
+    ("line", "message"),
     [
         ("triplet,none.zmx,60,,", "line 2: .*cannot read .*none.zmx"),
         ("triplet,triplet.zmx,60,8,", "line 2: focal_length_mm must be that of triplet.zmx"),
     ],
 )
-def test_invalid_lens_files_are_named(line, sentence, tmp_path):
+def test_invalid_lens_files_are_named(line, message, tmp_path):
     (tmp_path / "triplet.zmx").write_text(prescriptions.zmx())
     (tmp_path / "shelf.csv").write_text(
         f"name,file,minimum_focus_mm,focal_length_mm,price\n{line}\n"
     )
-    with pytest.raises(OmnimirrorError, match=sentence):
+    with pytest.raises(OmnimirrorError, match=message):
         read_catalogue(tmp_path / "shelf.csv")

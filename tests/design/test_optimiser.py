@@ -16,7 +16,7 @@ from omnimirror.design.optimiser import Objective, optimise, start
 from omnimirror.optics.housing import CameraBody, Housing
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
-from tests.design.answers import looked_at_again
+from tests.design.answers import evaluated_merits
 from tests.everyday import few
 
 PAPER = DesignProblem(mode="paper", image_radius_px=500.0)
@@ -35,12 +35,12 @@ AREAS = ("worst_floored_area_deg2", "mean_floored_area_deg2")
 def test_optimised_mirror_improves_on_sphere(merit, target, sphere):
     best = optimise(replace(PAPER, terms=16), merit, starts=1)
     as_paper = {"mode": "paper", "image_radius_px": 500.0}
-    again = looked_at_again(best.sensor, **as_paper)[merit]
-    assert again <= target
-    assert again == pytest.approx(best.value, rel=2e-5)
+    evaluated = evaluated_merits(best.sensor, **as_paper)[merit]
+    assert evaluated <= target
+    assert evaluated == pytest.approx(best.value, rel=2e-5)
     focus = om.best_focus(SPHERE, merit, omega_deg=np.linspace(0, 135, 1001), **as_paper)
     assert focus.value == pytest.approx(sphere, abs=1e-3)
-    assert om.best_focus(best.sensor, merit, **as_paper).value >= again * (
+    assert om.best_focus(best.sensor, merit, **as_paper).value >= evaluated * (
         1 - 1e-5
     )  # no other focus is better
 
@@ -70,10 +70,10 @@ def test_optimised_mirror_improves_on_sphere(merit, target, sphere):
 def test_merits_agree_with_evaluation_and_improve(family, terms, merit):
     problem = DesignProblem(family=family, terms=terms)
     best = optimise(problem, merit, starts=1)
-    assert looked_at_again(best.sensor)[merit] == pytest.approx(best.value, rel=1e-3, abs=1e-5)
+    assert evaluated_merits(best.sensor)[merit] == pytest.approx(best.value, rel=1e-3, abs=1e-5)
     space = DesignSpace(problem)
     sphere = space.sensor(start(space, 0, 0)[1])
-    assert best.value <= looked_at_again(sphere)[merit] * (1 + 1e-6)
+    assert best.value <= evaluated_merits(sphere)[merit] * (1 + 1e-6)
     assert best.runs[0].start == "sphere"
 
 
@@ -200,13 +200,13 @@ def test_limits_are_met_and_reduce_merit():
     sharp, even, flat = ("total_blur_t_deg", 0.6), ("area_ratio", None, 1 / 1.3), ("sag_mm", 28.5)
     limits = tuple(Limit(*limit) for limit in (sharp, even, flat))
     limited = optimise(DesignProblem(terms=8, limits=limits), "worst_floored_area_deg2", starts=1)
-    again = looked_at_again(limited.sensor)
-    assert again["inverse_area_ratio"] <= 1.3 * (1 + 1e-6)
+    evaluated = evaluated_merits(limited.sensor)
+    assert evaluated["inverse_area_ratio"] <= 1.3 * (1 + 1e-6)
     r = om.evaluate(limited.sensor, np.linspace(0.0, 135.0, 2001))
     assert (np.hypot(r.blur_t_px, r.airy_px) / r.dh_domega_px_per_deg).max() <= 0.6 * (1 + 1e-6)
     assert float(limited.sensor.mirror.sag(43.9)) <= 28.5
     assert limited.value > free.value
-    assert looked_at_again(free.sensor)["inverse_area_ratio"] > 1.3
+    assert evaluated_merits(free.sensor)["inverse_area_ratio"] > 1.3
 
 
 def test_obscured_centre_does_not_affect_merit():
@@ -223,11 +223,11 @@ def test_stopped_search_resumes(tmp_path):
     problem, file = DesignProblem(family="even-polynomial", terms=4), tmp_path / "search.json"
     straight = optimise(problem, starts=2, seed=7)
     optimise(problem, starts=1, seed=7, resume=file)
-    told = []
-    resumed = optimise(problem, starts=2, seed=7, resume=file, on_progress=told.append)
+    updates = []
+    resumed = optimise(problem, starts=2, seed=7, resume=file, on_progress=updates.append)
     assert resumed.runs == straight.runs
     assert resumed.sensor == straight.sensor
-    assert {p.run for p in told} == {1}  # the first start was not repeated
+    assert {p.run for p in updates} == {1}  # the first start was not repeated
     with pytest.raises(OmnimirrorError, match="the same search; seed differ"):
         optimise(problem, starts=2, seed=8, resume=file)
     file.write_text("{}")
@@ -236,7 +236,7 @@ def test_stopped_search_resumes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("change", "message"),
     [
         ({"omega_max_deg": 175.0}, "between 12 and 168 deg .* got 175"),
         ({"theta_max_deg": (14.0, 12.0)}, "theta_max_deg must be .* got 14 to 12"),
@@ -249,18 +249,18 @@ def test_stopped_search_resumes(tmp_path):
         ({"terms": 99}, "terms must be .*; got 99"),
     ],
 )
-def test_infeasible_problems_are_rejected(change, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
+def test_infeasible_problems_are_rejected(change, message):
+    with pytest.raises(InvalidParameter, match=message):
         DesignProblem(**change)
 
 
 def test_invalid_search_settings_are_rejected():
     problem = DesignProblem(family="even-polynomial", terms=3)
-    for options, sentence in [
+    for options, message in [
         ({"merit": "sharpness"}, "must be one of worst_floored_area_deg2"),
         ({"starts": 0}, "starts must be at least 1; got 0"),
     ]:
-        with pytest.raises(InvalidParameter, match=sentence):
+        with pytest.raises(InvalidParameter, match=message):
             optimise(problem, **options)
     with pytest.raises(OmnimirrorError, match="meets all limits"):
         optimise(replace(problem, limits=(Limit("total_blur_deg", at_most=0.1),)), starts=1)
@@ -297,15 +297,15 @@ def landing(sensor: om.Sensor, omega: float, aperture: np.ndarray, guess: float)
     for target in aperture:
         p = np.array([guess, 1e-9])
         for _ in range(20):
-            here, _d = at_lens(p)
+            point_mm, _d = at_lens(p)
             J = np.column_stack(
                 [(at_lens(p + e)[0] - at_lens(p - e)[0]) / 2e-5 for e in np.eye(2) * 1e-5]
             )
-            p = p - np.linalg.solve(J, here - target)
-        here, d = at_lens(p)
-        assert np.abs(here - target).max() < 1e-7
+            p = p - np.linalg.solve(J, point_mm - target)
+        point_mm, d = at_lens(p)
+        assert np.abs(point_mm - target).max() < 1e-7
         b0 = lens.image_distance  # a thin lens deflects a ray at s by -s/f
-        out.append(here * (1 - b0 / lens.focal_length_mm) + b0 * d[:2] / -d[2])
+        out.append(point_mm * (1 - b0 / lens.focal_length_mm) + b0 * d[:2] / -d[2])
     return np.array(out) / sensor.imager.pitch_mm
 
 

@@ -16,7 +16,7 @@ from omnimirror.design.limits import Limit
 from omnimirror.design.optimiser import optimise
 from omnimirror.design.pareto_front import EPOCH, load_front, pareto
 from omnimirror.design.reference_mirrors import merit_values
-from tests.design.answers import looked_at_again
+from tests.design.answers import evaluated_merits
 
 REQUIREMENTS = om.Requirements(
     field=om.FieldRequirements(omega_max_deg=135),
@@ -43,7 +43,7 @@ def test_no_design_of_front_is_dominated(front):
 
 @pytest.mark.full
 def test_front_agrees_with_individually_optimised_designs(front):
-    """The minimum blur area under a uniformity limit, by linear programmes instead of evolution."""
+    """The minimum blur area under a uniformity limit, by linear programming instead of evolution."""
     for i in np.linspace(2, len(front) - 3, 3).astype(int):
         area, uniformity = front.values[i]
         problem = replace(PROBLEM, limits=(Limit("area_ratio", at_least=1 / uniformity),))
@@ -54,8 +54,10 @@ def test_front_agrees_with_individually_optimised_designs(front):
 def test_values_of_front_agree_with_designs(front):
     for i in (0, len(front) // 2, len(front) - 1):
         sensor = front.sensor(i)
-        again = looked_at_again(sensor)
-        np.testing.assert_allclose([again[merit] for merit in MERITS], front.values[i], rtol=2e-3)
+        evaluated = evaluated_merits(sensor)
+        np.testing.assert_allclose(
+            [evaluated[merit] for merit in MERITS], front.values[i], rtol=2e-3
+        )
         assert sensor.field_deg[1] == pytest.approx(135.0, abs=1e-9)
         np.testing.assert_allclose(
             merit_values(sensor, front.merits, PROBLEM), front.values[i], rtol=2e-3
@@ -77,13 +79,13 @@ def test_interrupted_evolution_resumes_identically(tmp_path):
     merits, file = ("worst_blur_deg", "worst_aspect"), tmp_path / "front.parquet"
     straight = pareto(REQUIREMENTS, merits, **SMALL)
     pareto(REQUIREMENTS, merits, **{**SMALL, "generations": EPOCH}, resume=file)
-    told = []
+    updates = []
     resumed = pareto(
-        REQUIREMENTS, merits, **SMALL, resume=file, on_progress=lambda *done: told.append(done)
+        REQUIREMENTS, merits, **SMALL, resume=file, on_progress=lambda *done: updates.append(done)
     )
     np.testing.assert_array_equal(resumed.y, straight.y)
     np.testing.assert_array_equal(resumed.values, straight.values)
-    assert told == [(2 * EPOCH, 2 * EPOCH)]
+    assert updates == [(2 * EPOCH, 2 * EPOCH)]
     loaded = load_front(file)
     np.testing.assert_array_equal(loaded.values, straight.values)
     assert loaded.requirements == REQUIREMENTS
@@ -99,7 +101,7 @@ def test_front_of_three_merits_with_limit():
     front = pareto(limited, (*MERITS, "worst_aspect"), population=40, generations=10)
     assert front.values.shape[1] == 3
     for i in range(0, len(front), 5):
-        assert looked_at_again(front.sensor(i))["viewpoint_spread_mm"] <= 45.0 * 1.001
+        assert evaluated_merits(front.sensor(i))["viewpoint_spread_mm"] <= 45.0 * 1.001
 
 
 def test_verdict_of_front_design_agrees_with_check(front):

@@ -24,25 +24,25 @@ omega_deg = [0, 30]
 FOCUS_MM = np.linspace(195.0, 260.0, 261)
 
 
-def blurs_by_hand(sensor: om.Sensor) -> np.ndarray:
+def evaluated_blurs(sensor: om.Sensor) -> np.ndarray:
     """Return the larger blur at the rim and in the centre (focuses, 2), with the Airy disc, for all
     focus settings."""
-    found = []
+    blurs = []
     for focus in FOCUS_MM:
         at = [
             om.evaluate(sensor, np.linspace(*part, 60), focus_mm=focus)
             for part in ((110, 130), (0, 30))
         ]
-        found.append([np.hypot(np.abs([r.blur_t_px, r.blur_s_px]).max(), r.airy_px) for r in at])
-    return np.array(found)
+        blurs.append([np.hypot(np.abs([r.blur_t_px, r.blur_s_px]).max(), r.airy_px) for r in at])
+    return np.array(blurs)
 
 
 def test_feasible_limits_are_met_beside_infeasible_ones():
     """No focus leaves less than 4 px at the rim: 2 px are required there, and 2.5 px in the centre,
     which is feasible."""
-    wanted = parse_requirements(SPHERE.format(rim=2.0, middle=2.5))
-    design = _parameter_search.solve(wanted)[1]
-    rim, middle = blurs_by_hand(design.sensor).T
+    requirements = parse_requirements(SPHERE.format(rim=2.0, middle=2.5))
+    design = _parameter_search.solve(requirements)[1]
+    rim, middle = evaluated_blurs(design.sensor).T
     assert rim.min() > 2.0
     assert design.verdict.missed == ("total_blur_px, 110 to 130 deg",)
     assert design.verdict.limits[1].reached <= 2.5 * (1 + 1e-6)
@@ -59,14 +59,14 @@ def test_conflicting_limits_are_missed_by_equal_relative_margins():
     bare = _parameter_search.solve(parse_requirements(SPHERE.format(rim=90.0, middle=90.0)))[
         1
     ].sensor
-    rim, middle = blurs_by_hand(bare).T
-    asked = {"rim": rim.min() * 1.05, "middle": middle.min() * 1.5}
-    assert not ((rim <= asked["rim"]) & (middle <= asked["middle"])).any()
-    design = _parameter_search.solve(parse_requirements(SPHERE.format(**asked)))[1]
+    rim, middle = evaluated_blurs(bare).T
+    limits = {"rim": rim.min() * 1.05, "middle": middle.min() * 1.5}
+    assert not ((rim <= limits["rim"]) & (middle <= limits["middle"])).any()
+    design = _parameter_search.solve(parse_requirements(SPHERE.format(**limits)))[1]
     at_rim, in_middle = (row.shortfall for row in design.verdict.limits)
     assert at_rim == pytest.approx(in_middle, rel=1e-3)
     assert at_rim == pytest.approx(
-        np.maximum(rim / asked["rim"], middle / asked["middle"]).min() - 1, abs=0.02
+        np.maximum(rim / limits["rim"], middle / limits["middle"]).min() - 1, abs=0.02
     )
 
 
@@ -84,6 +84,6 @@ at_most = 0.3
 quantity = "area_ratio"
 at_least = 0.8
 """
-    wanted = parse_requirements(text)
-    verdict = freeform.solve(wanted, freeform.problem_of(wanted), starts=1)[1].verdict
+    requirements = parse_requirements(text)
+    verdict = freeform.solve(requirements, freeform.problem_of(requirements), starts=1)[1].verdict
     assert verdict.missed == ("total_blur_deg",)

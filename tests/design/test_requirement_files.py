@@ -47,23 +47,25 @@ omega_deg = [20, 100]
 
 
 def test_requirement_file_is_read():
-    wanted = parse_requirements(GOOD)
-    assert wanted.name == "mine"
-    assert wanted.field.object_distance_mm == (500.0, np.inf)
-    assert wanted.lens.theta_max_deg == (10.0, 14.0)
-    assert wanted.lens.f_number == 5.6
-    assert wanted.lens.focal_length_mm is None
-    assert wanted.imager.size == (1280, 1024)
-    assert [limit.quantity for limit in wanted.limits] == ["total_blur_px", "aspect"]
-    assert wanted.limits[1].omega_deg == (20.0, 100.0)
+    requirements = parse_requirements(GOOD)
+    assert requirements.name == "mine"
+    assert requirements.field.object_distance_mm == (500.0, np.inf)
+    assert requirements.lens.theta_max_deg == (10.0, 14.0)
+    assert requirements.lens.f_number == 5.6
+    assert requirements.lens.focal_length_mm is None
+    assert requirements.imager.size == (1280, 1024)
+    assert [limit.quantity for limit in requirements.limits] == ["total_blur_px", "aspect"]
+    assert requirements.limits[1].omega_deg == (20.0, 100.0)
 
 
 def test_changes_override_file(tmp_path):
     (tmp_path / "r.toml").write_text(GOOD)
-    wanted = load_requirements(tmp_path / "r.toml", {"lens": {"f_number": [4, 8]}, "name": "other"})
-    assert wanted.lens.f_number == (4.0, 8.0)
-    assert wanted.lens.theta_max_deg == (10.0, 14.0)
-    assert wanted.name == "other"
+    requirements = load_requirements(
+        tmp_path / "r.toml", {"lens": {"f_number": [4, 8]}, "name": "other"}
+    )
+    assert requirements.lens.f_number == (4.0, 8.0)
+    assert requirements.lens.theta_max_deg == (10.0, 14.0)
+    assert requirements.name == "other"
 
 
 def test_table_relative_to_file_is_read(tmp_path):
@@ -264,8 +266,8 @@ def test_file_errors_name_line_and_valid_values(old, new, message):
 
 
 def test_limit_at_single_angle_is_read():
-    wanted = parse_requirements(GOOD.replace("[20, 100]", "[90, 90]"))
-    assert wanted.limits[1].omega_deg == (90.0, 90.0)
+    requirements = parse_requirements(GOOD.replace("[20, 100]", "[90, 90]"))
+    assert requirements.limits[1].omega_deg == (90.0, 90.0)
 
 
 def test_byte_order_mark_is_ignored(tmp_path):
@@ -346,7 +348,7 @@ def test_single_viewpoint_may_be_required():
 # ------------------------------------------------------------------------------
 
 
-def made_in_python():
+def constructed_requirements():
     return om.Requirements(
         name="mine",
         field=om.FieldRequirements(
@@ -363,8 +365,8 @@ def made_in_python():
 
 
 def test_file_and_dataclasses_are_equivalent():
-    assert made_in_python() == parse_requirements(GOOD)
-    assert hash(made_in_python()) == hash(parse_requirements(GOOD))
+    assert constructed_requirements() == parse_requirements(GOOD)
+    assert hash(constructed_requirements()) == hash(parse_requirements(GOOD))
 
 
 OTHERS = [
@@ -395,9 +397,9 @@ ALL = [
 
 @pytest.mark.parametrize("text", ALL)
 def test_requirements_round_trip_through_file(text):
-    wanted = parse_requirements(text)
-    assert parse_requirements(format_requirements(wanted)) == wanted
-    tables = tomllib.loads(format_requirements(wanted))
+    requirements = parse_requirements(text)
+    assert parse_requirements(format_requirements(requirements)) == requirements
+    tables = tomllib.loads(format_requirements(requirements))
     for section, entries in tomllib.loads(text).items():  # the file has the same entries
         if isinstance(entries, dict):
             assert {k: tables[section][k] for k in entries} == entries
@@ -415,18 +417,26 @@ def test_requirements_round_trip_through_file(text):
             "field.omega_max_deg must be a valid num",
         ),
         (lambda: om.LensRequirements(f_number=(8, 4)), r"lens.f_number must be a number from 0.1"),
-        (lambda: replace(made_in_python().mirror, apex="sharp"), "mirror.apex must be one of"),
         (
-            lambda: replace(made_in_python(), lens=om.LensRequirements()),
+            lambda: replace(constructed_requirements().mirror, apex="sharp"),
+            "mirror.apex must be one of",
+        ),
+        (
+            lambda: replace(constructed_requirements(), lens=om.LensRequirements()),
             "lens requires focal_length_mm or theta",
         ),
         (
-            lambda: replace(made_in_python(), field=3),
+            lambda: replace(constructed_requirements(), field=3),
             "field must be of kind FieldRequirements; got 3",
         ),
-        (lambda: replace(made_in_python(), limits=[3]), "limits must be a list of limits; got 3"),
         (
-            lambda: replace(made_in_python(), field=om.FieldRequirements(omega_max_deg=90)),
+            lambda: replace(constructed_requirements(), limits=[3]),
+            "limits must be a list of limits; got 3",
+        ),
+        (
+            lambda: replace(
+                constructed_requirements(), field=om.FieldRequirements(omega_max_deg=90)
+            ),
             r"limit.omega_deg must be \[FROM, TO\] up to 90 deg",
         ),
     ],
@@ -441,7 +451,7 @@ def test_numpy_numbers_are_accepted():
     field = om.FieldRequirements(
         omega_max_deg=np.int64(120), object_distance_mm=np.array([500, np.inf])
     )
-    assert field == made_in_python().field.__class__(
+    assert field == constructed_requirements().field.__class__(
         omega_max_deg=120.0, object_distance_mm=(500.0, np.inf)
     )
 

@@ -44,7 +44,7 @@ at_most = 40
 """
 
 
-def parsed(
+def requirements_for(
     field="elevation_deg = [-60, 20]",
     looks="up",
     lens="focal_length_mm = 6",
@@ -58,28 +58,28 @@ def parsed(
 
 @pytest.mark.parametrize(("looks", "field"), [("up", (30.0, 110.0)), ("down", (70.0, 150.0))])
 def test_elevations_agree_with_directions_of_sensor(looks, field):
-    asked = parsed(looks=looks)
-    assert (asked.field.omega_min_deg, asked.field.omega_max_deg) == field
-    assert asked.limits[0].omega_deg == (90.0, 90.0)
+    requirements = requirements_for(looks=looks)
+    assert (requirements.field.omega_min_deg, requirements.field.omega_max_deg) == field
+    assert requirements.limits[0].omega_deg == (90.0, 90.0)
     sensor = replace(SPHERE, mount=Mount(looks))
     for elevation, omega in zip(
         (-40.0, 20.0), sorted(Mount(looks).field_angles_deg((-40.0, 20.0))), strict=True
     ):
         tilt = np.radians(elevation if looks == "up" else -20.0 - elevation)
-        (pixel,), seen = sensor.project_directions([[np.cos(tilt), 0.0, np.sin(tilt)]])
-        assert seen.all()
-        found = om.evaluate(sensor, pixels=[pixel])
-        assert found.omega_deg[0] == pytest.approx(omega, abs=1e-9)
+        (pixel,), visible = sensor.project_directions([[np.cos(tilt), 0.0, np.sin(tilt)]])
+        assert visible.all()
+        evaluation = om.evaluate(sensor, pixels=[pixel])
+        assert evaluation.omega_deg[0] == pytest.approx(omega, abs=1e-9)
 
 
 def test_elevations_round_trip_through_file():
-    asked = parsed("elevation_deg = [-60.3, 20.7]")
-    assert "elevation_deg = [\n    -60.3,\n    20.7,\n]" in om.format_requirements(asked)
-    assert parse_requirements(om.format_requirements(asked)) == asked
+    requirements = requirements_for("elevation_deg = [-60.3, 20.7]")
+    assert "elevation_deg = [\n    -60.3,\n    20.7,\n]" in om.format_requirements(requirements)
+    assert parse_requirements(om.format_requirements(requirements)) == requirements
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("change", "message"),
     [
         ({"looks": "forward"}, r"line 3: camera_looks must be .* for elevations; got \"forward\""),
         (
@@ -103,9 +103,9 @@ def test_elevations_round_trip_through_file():
         ({"part": "elevation_deg = [10, 0]"}, r"limit.0.elevation_deg must be \[LOW, HIGH\]"),
     ],
 )
-def test_invalid_elevations_are_rejected(change, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence) as e:
-        parsed(**change)
+def test_invalid_elevations_are_rejected(change, message):
+    with pytest.raises(OmnimirrorError, match=message) as e:
+        requirements_for(**change)
     assert "\n" not in str(e.value)
 
 
@@ -127,17 +127,17 @@ def test_command_line_limits_accept_range_and_frequency():
 
 
 def test_limit_at_single_angle_is_evaluated_only_there():
-    asked = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=135),
         mirror=MIRROR,
         lens=om.LensRequirements(focal_length_mm=11.6),
         limits=[om.Limit("resolution_px_per_deg", at_least=1.0, omega_deg=(90, 90))],
     )
-    (row,) = om.check_requirements(asked, SPHERE).limits
-    there = om.evaluate(SPHERE, [90.0])
+    (row,) = om.check_requirements(requirements, SPHERE).limits
+    evaluation = om.evaluate(SPHERE, [90.0])
     assert row.label == "resolution_px_per_deg, at 90 deg"
     assert row.reached == pytest.approx(
-        min(there.dh_domega_px_per_deg[0], there.width_px_per_deg[0])
+        min(evaluation.dh_domega_px_per_deg[0], evaluation.width_px_per_deg[0])
     )
 
 
@@ -196,14 +196,14 @@ def finite_resolution(sensor, h, surface):
     b = 1 / (1 / sensor.lens.focal_length_mm - 1 / sensor.lens.focus_distance_mm)
     middle = shell.centres_mm[1] if isinstance(shell, Dome) else None
 
-    def onto(point, ray, radius, centre):
+    def intersection(point, ray, radius, centre):
         """Return the intersection with a sphere about (0, centre) or with the cylinder, and its
         unit normal."""
         weights = np.array([1.0, 0.0 if centre is None else 1.0])
         start = (point - [0.0, centre or 0.0]) * weights
         a, half, c = (ray * weights) @ ray, start @ ray, start @ start - radius**2
-        there = point + (np.sqrt(half**2 - a * c) - half) / a * ray
-        return there, (there - [0.0, centre or 0.0]) * weights / radius
+        hit = point + (np.sqrt(half**2 - a * c) - half) / a * ray
+        return hit, (hit - [0.0, centre or 0.0]) * weights / radius
 
     def trace(h):
         theta = np.arctan(h * sensor.imager.pitch_mm / b)
@@ -214,18 +214,18 @@ def finite_resolution(sensor, h, surface):
         ray, path = ray - 2 * (ray @ normal) * normal, 0.0
         indices = (1.0, shell.index, shell.outer_index)
         for radius, before, after in zip(shell.radii_mm, indices, indices[1:], strict=False):
-            there, normal = onto(point, ray, radius, middle)
-            path, point = path + np.linalg.norm(there - point), there
+            hit, normal = intersection(point, ray, radius, middle)
+            path, point = path + np.linalg.norm(hit - point), hit
             ratio, cosine = before / after, ray @ normal
             ray = ratio * ray + (np.sqrt(1 - ratio**2 * (1 - cosine**2)) - ratio * cosine) * normal
-        onward = (150.0 - point[0]) / ray[0] if surface is PIPE else (-300.0 - point[1]) / ray[1]
-        return point + onward * ray, ray, path + onward
+        distance = (150.0 - point[0]) / ray[0] if surface is PIPE else (-300.0 - point[1]) / ray[1]
+        return point + distance * ray, ray, path + distance
 
-    there, ray, p = trace(h)
+    hit, ray, p = trace(h)
     step = trace(h + 0.01)[0] - trace(h - 0.01)[0]
     across = np.linalg.norm(step - (step @ ray) * ray)
     omega = np.degrees(np.arctan2(ray[0], -ray[1]))
-    return omega, 0.02 / np.degrees(across / p), h / np.degrees(there[0] / p)
+    return omega, 0.02 / np.degrees(across / p), h / np.degrees(hit[0] / p)
 
 
 @pytest.mark.parametrize(
@@ -252,22 +252,22 @@ def test_resolution_on_object_surface_agrees_with_finite_rays(housing, surface, 
         om.Limit(f"{name}_px_per_deg", at_least=1.0, omega_deg=(omega, omega))
         for name in ("dh_domega", "width")
     ]
-    wanted = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=110, **surface),
         mirror=MIRROR,
         lens=om.LensRequirements(focal_length_mm=6.0),
         limits=limits,
     )
-    assert [row.reached for row in om.check_requirements(wanted, sensor).limits] == pytest.approx(
-        [along, around], rel=1e-5
-    )
-    reached = focusing(wanted, sensor).at(np.full((1, 1), 1 / 79.46), limits[0])
-    assert [reached.dh[0, 0], reached.dw[0, 0]] == pytest.approx([along, around], rel=1e-5)
+    assert [
+        row.reached for row in om.check_requirements(requirements, sensor).limits
+    ] == pytest.approx([along, around], rel=1e-5)
+    optics = focusing(requirements, sensor).at(np.full((1, 1), 1 / 79.46), limits[0])
+    assert [optics.dh[0, 0], optics.dw[0, 0]] == pytest.approx([along, around], rel=1e-5)
 
 
 def test_design_for_wall_is_focused_on_wall():
     """Blur by the evaluation with the distance of each angle, against all other focus settings."""
-    asked = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(
             omega_max_deg=120, omega_min_deg=40, object_cylinder_radius_mm=60
         ),
@@ -275,24 +275,26 @@ def test_design_for_wall_is_focused_on_wall():
         lens=om.LensRequirements(focal_length_mm=8, f_number=8),
         limits=[om.Limit("total_blur_px", at_most=30.0)],
     )
-    sensor = om.design_sensor(asked).sensor
+    sensor = om.design_sensor(requirements).sensor
     omega = np.linspace(40.0, sensor.field_deg[1], 181)
 
     def worst(focus_mm):
-        (result,) = evaluations(asked, sensor.with_lens(sensor.lens.focused_at(focus_mm)), omega)
+        (result,) = evaluations(
+            requirements, sensor.with_lens(sensor.lens.focused_at(focus_mm)), omega
+        )
         return np.hypot(
             np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px
         ).max()
 
     focus = sensor.lens.focus_distance_mm
-    assert om.check_requirements(asked, sensor).limits[0].reached == pytest.approx(
+    assert om.check_requirements(requirements, sensor).limits[0].reached == pytest.approx(
         worst(focus), rel=1e-3
     )
     assert all(worst(focus * factor) > worst(focus) for factor in (0.97, 0.99, 1.01, 1.03))
 
 
 @pytest.mark.parametrize(
-    ("field", "mirror", "sentence"),
+    ("field", "mirror", "message"),
     [
         (
             {"object_distance_mm": 500},
@@ -311,8 +313,8 @@ def test_design_for_wall_is_focused_on_wall():
         ),
     ],
 )
-def test_invalid_object_surfaces_are_rejected(field, mirror, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence):
+def test_invalid_object_surfaces_are_rejected(field, mirror, message):
+    with pytest.raises(OmnimirrorError, match=message):
         om.Requirements(
             field=replace(ROOM, **field),
             mirror=replace(MIRROR, **mirror),
@@ -330,12 +332,14 @@ def test_mtf_agrees_with_diffraction_integral(name, cycles):
     direction."""
     sensor = om.load_sensor(name)
     omega = np.linspace(10.0, 0.99 * sensor.field_deg[1], 5)
-    waves, found = om.mtf(sensor, omega, cycles_per_px=[cycles]), om.evaluate(sensor, omega)
-    for blur, there, near in (
-        (found.blur_t_px, waves.tangential, 0.013),
-        (found.blur_s_px, waves.sagittal, 0.002),
+    waves, evaluation = om.mtf(sensor, omega, cycles_per_px=[cycles]), om.evaluate(sensor, omega)
+    for blur, contrasts, near in (
+        (evaluation.blur_t_px, waves.tangential, 0.013),
+        (evaluation.blur_s_px, waves.sagittal, 0.002),
     ):
-        assert np.abs(contrast(blur, found.airy_px, cycles)) == pytest.approx(there[:, 0], abs=near)
+        assert np.abs(contrast(blur, evaluation.airy_px, cycles)) == pytest.approx(
+            contrasts[:, 0], abs=near
+        )
 
 
 def test_mtf_has_exact_derivatives():
@@ -369,22 +373,22 @@ def test_freeform_mirror_meets_mtf_and_illumination_limits():
         om.Limit("mtf_t", at_least=0.5, cycles_per_px=0.25, omega_deg=(20, 130)),
         om.Limit("lens_illumination", at_least=0.9),
     ]
-    asked = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=135),
         mirror=mirror,
         lens=om.LensRequirements(focal_length_mm=11.6, theta_max_deg=12, f_number=8),
         limits=limits,
     )
-    space = DesignSpace(problem_of(asked))
-    design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
+    space = DesignSpace(problem_of(requirements))
+    design = om.design_sensor(requirements, search=om.SearchOptions(starts=1))
     assert design.is_met
-    assert space.problem.limits == asked.limits
+    assert space.problem.limits == requirements.limits
     waves = om.mtf(design.sensor, np.linspace(20, 130, 12), cycles_per_px=[0.25])
     assert waves.tangential.min() >= 0.5 - 0.013
 
 
 @pytest.mark.parametrize(
-    ("entries", "sentence"),
+    ("entries", "message"),
     [
         ({"quantity": "mtf", "at_least": 0.3}, "requires a spatial frequency"),
         (
@@ -401,8 +405,8 @@ def test_freeform_mirror_meets_mtf_and_illumination_limits():
         ),
     ],
 )
-def test_invalid_frequencies_are_rejected(entries, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence):
+def test_invalid_frequencies_are_rejected(entries, message):
+    with pytest.raises(OmnimirrorError, match=message):
         om.Limit(**entries)
 
 
@@ -420,12 +424,12 @@ def test_mtf_limits_at_two_frequencies_do_not_conflict():
 
 @pytest.mark.parametrize("magnification", [0.02, 0.05, (0.02, 0.05)])
 def test_catalogue_telecentric_lens_keeps_magnification(magnification):
-    asked = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=90),
         mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
         lens=om.LensRequirements(kind="orthographic", magnification=magnification, f_number=8),
     )
-    design = om.design_sensor(asked)
+    design = om.design_sensor(requirements)
     mu = design.sensor.lens.magnification
     assert 0.02 <= mu <= 0.05
     assert design.sensor.rim_radius_px == pytest.approx(mu * 30 / 0.0052)
@@ -434,24 +438,24 @@ def test_catalogue_telecentric_lens_keeps_magnification(magnification):
 
 @pytest.mark.full
 def test_excessive_magnification_is_reported():
-    asked = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=90),
         mirror=om.MirrorRequirements(family="paraboloid", rim_radius_mm=30),
         lens=om.LensRequirements(kind="orthographic", magnification=0.2, f_number=8),
     )
-    verdict = om.design_sensor(asked).verdict
+    verdict = om.design_sensor(requirements).verdict
     assert verdict.missed == ("image_radius_px",)
 
 
 def test_freeform_mirror_under_catalogue_telecentric_lens():
-    asked = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=90),
         mirror=om.MirrorRequirements(
             optimise="worst_blur_deg", shape="polynomial:3", rim_radius_mm=(20, 30)
         ),
         lens=om.LensRequirements(kind="orthographic", magnification=0.1, f_number=8),
     )
-    design = om.design_sensor(asked, search=om.SearchOptions(starts=1))
+    design = om.design_sensor(requirements, search=om.SearchOptions(starts=1))
     assert design.is_met
     assert design.sensor.lens.magnification == 0.1
     assert design.sensor.mirror.rim_radius_mm <= 512 * 0.0052 / 0.1 * 1.001
@@ -469,14 +473,14 @@ def strip(**lens):
 def test_long_side_may_be_filled_and_cropped_field_is_reported():
     sensor = om.design_sensor(strip(fills="long-side")).sensor
     assert sensor.rim_radius_px == pytest.approx(960, abs=0.02)
-    (said,) = cut_off(sensor)
+    (message,) = cut_off(sensor)
     v, u = np.mgrid[:1200, :1920]  # the circle, pixel by pixel, on an imager of sufficient height
     inside = np.hypot(u - 959.5, v + 0.5) < 960  # its lower half
     share = 1 - 2 * inside[:540].sum() / (np.pi * 960**2)
-    assert float(said.rsplit("; ", 1)[1].split("%")[0]) == pytest.approx(100 * share, abs=0.06)
+    assert float(message.rsplit("; ", 1)[1].split("%")[0]) == pytest.approx(100 * share, abs=0.06)
     edge = om.evaluate(sensor, h_px=[540.0]).omega_deg[0]
-    assert f"the field ends at {edge:.4g} deg" in said
-    whole = float(said.split("for ")[1].split("%")[0])
+    assert f"the field ends at {edge:.4g} deg" in message
+    whole = float(message.split("for ")[1].split("%")[0])
     assert whole == pytest.approx(100 * 2 * np.arcsin(540 / 960) / np.pi, abs=0.15)
     assert cut_off(om.design_sensor(strip()).sensor) == ()
 
@@ -487,17 +491,17 @@ def test_small_image_circle_limits_rim():
 
 
 def test_minimum_focus_of_lens_bounds_range():
-    asked = parsed(
+    requirements = requirements_for(
         "omega_max_deg = 110", lens="focal_length_mm = 6\nfocus_mm = [200, inf]", part=""
     )
-    verdict = om.design_sensor(asked).verdict
+    verdict = om.design_sensor(requirements).verdict
     (row,) = (row for row in verdict.rows if row.name == "focus_mm")
     assert row.reached >= 200 - 1e-6
     assert (row.at_least, row.at_most) == (200.0, None)
 
 
 @pytest.mark.parametrize(
-    ("lens", "sentence"),
+    ("lens", "message"),
     [
         (
             "focal_length_mm = 6\nmagnification = 0.1",
@@ -508,6 +512,6 @@ def test_minimum_focus_of_lens_bounds_range():
         ("focal_length_mm = 6\nimage_circle_mm = -1", "lens.image_circle_mm must be .*; got -1"),
     ],
 )
-def test_invalid_lenses_are_rejected(lens, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence):
-        parsed(lens=lens)
+def test_invalid_lenses_are_rejected(lens, message):
+    with pytest.raises(OmnimirrorError, match=message):
+        requirements_for(lens=lens)

@@ -74,18 +74,18 @@ def test_near_panorama_about_axis_is_separable(camera, mount, viewpoint):
 def test_panorama_is_sampled_without_pixel_map(camera):
     """Equal to sampling at their coordinates up to one grey level, and with a map on request."""
     width, height = camera.image_size
-    picture = cv2.resize(
+    image = cv2.resize(
         np.random.default_rng(3).integers(0, 255, (40, 40, 3), np.uint8), (width, height)
     )
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
-    dewarped = dewarp(picture)
+    dewarped = dewarp(image)
     assert "_pixel_map" not in dewarp.__dict__
-    mapped = remap_at(picture, dewarp.coordinates())
-    kept = replace(dewarp, keep_map=True)
-    for later in (dewarped, kept(picture), kept(picture)):
-        off = np.abs(later.astype(int) - mapped).max(axis=-1) > 1
-        assert off.mean() < 1e-3  # at the image border float32 can decide differently
-    assert "_pixel_map" in kept.__dict__
+    expected = remap_at(image, dewarp.coordinates())
+    mapped_dewarper = replace(dewarp, keep_map=True)
+    for later in (dewarped, mapped_dewarper(image), mapped_dewarper(image)):
+        differs = np.abs(later.astype(int) - expected).max(axis=-1) > 1
+        assert differs.mean() < 1e-3  # at the image border float32 can decide differently
+    assert "_pixel_map" in mapped_dewarper.__dict__
 
 
 def test_separability_requires_vertical_axis():
@@ -150,12 +150,12 @@ def test_sampling_uses_coordinates():
     """
     width, height = BALL.image_size
     v, u = np.mgrid[:height, :width].astype(np.float32)
-    picture = np.dstack([u, v, u + v])
+    image = np.dstack([u, v, u + v])
     view = om.screens.Plane((160, 120), 20.0, -30.0, 5.0, 70.0)
     for interpolation, tolerance in (("linear", 0.02), ("cubic", 0.06), ("nearest", 0.51)):
         dewarp = om.Dewarper(BALL, view, interpolation)
         x, y = np.moveaxis(dewarp.coordinates(), -1, 0)
-        dewarped = dewarp(picture)
+        dewarped = dewarp(image)
         assert dewarp.valid.all()
         np.testing.assert_allclose(dewarped[..., 0], x, atol=tolerance)
         np.testing.assert_allclose(dewarped[..., 1], y, atol=tolerance)
@@ -166,18 +166,18 @@ def test_sampling_uses_coordinates():
     "view", [om.screens.Cylinder((60, 90), -90.0, 90.0), om.screens.Plane((60, 90))], ids=str
 )
 def test_out_is_filled(view):
-    picture = np.random.default_rng(5).integers(0, 255, (1020, 1024, 3), np.uint8)
+    image = np.random.default_rng(5).integers(0, 255, (1020, 1024, 3), np.uint8)
     dewarp = om.Dewarper(BALL, view)
-    dewarped = dewarp(picture)
-    kept = np.empty((90, 60, 4), np.uint8)
-    for out in (kept[..., :3], np.empty((90, 60, 3), np.uint8)):
-        assert dewarp(picture, out=out) is out
+    dewarped = dewarp(image)
+    rgba = np.empty((90, 60, 4), np.uint8)
+    for out in (rgba[..., :3], np.empty((90, 60, 3), np.uint8)):
+        assert dewarp(image, out=out) is out
         np.testing.assert_allclose(out, dewarped, atol=1)
-    assert dewarp(picture, transparent=True, out=kept) is kept
+    assert dewarp(image, transparent=True, out=rgba) is rgba
     with pytest.raises(
         InvalidParameter, match=r"out must be \(90, 60, 3\) of uint8; got \(90, 60\) of uint8"
     ):
-        dewarp(picture, out=np.empty((90, 60), np.uint8))
+        dewarp(image, out=np.empty((90, 60), np.uint8))
 
 
 @pytest.mark.parametrize(
@@ -187,27 +187,27 @@ def test_out_is_filled(view):
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_image_type_is_preserved(dtype, channels, interpolation):
     full = {"uint8": 255, "uint16": 65535, "float32": 1.0}[dtype]
-    picture = np.full((1020, 1024, *channels), full, dtype)
+    image = np.full((1020, 1024, *channels), full, dtype)
     dewarp = om.Dewarper(BALL, om.screens.Cylinder((60, 90), -90.0, 90.0), interpolation)
-    dewarped = dewarp(picture)
-    assert dewarped.dtype == picture.dtype
+    dewarped = dewarp(image)
+    assert dewarped.dtype == image.dtype
     assert dewarped.shape == (90, 60, *channels)
     above = np.arange(90) < 22  # above 45 deg; row 22 is cut by the rim
     np.testing.assert_array_equal(dewarped[above], 0)
     np.testing.assert_allclose(dewarped[23:], full, rtol=1e-6)
     np.testing.assert_array_equal(dewarp.valid[:, 0], np.isfinite(dewarp.coordinates()[:, 0, 0]))
-    clear = dewarp(picture, transparent=True)
+    clear = dewarp(image, transparent=True)
     assert clear.shape == (90, 60, 4)
     np.testing.assert_array_equal(clear[above], 0)
     np.testing.assert_allclose(clear[23:], full, rtol=1e-6)
 
 
 def test_transparent_preserves_colours():
-    picture = np.zeros((1020, 1024, 3), np.uint8)
-    picture[:] = (10, 20, 30)
+    image = np.zeros((1020, 1024, 3), np.uint8)
+    image[:] = (10, 20, 30)
     view = om.screens.Plane((20, 10), tilt_deg=-30.0)
     np.testing.assert_array_equal(
-        om.Dewarper(BALL, view)(picture, transparent=True)[5, 5], [10, 20, 30, 255]
+        om.Dewarper(BALL, view)(image, transparent=True)[5, 5], [10, 20, 30, 255]
     )
     grey = np.full((1020, 1024), 77, np.uint8)
     np.testing.assert_array_equal(
@@ -218,13 +218,13 @@ def test_transparent_preserves_colours():
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
 def test_image_edge_is_not_smeared(interpolation):
     """A fisheye field extends beyond the image: its white border remains white up to the end."""
-    picture = np.full((480, 640), 200, np.uint8)
+    image = np.full((480, 640), 200, np.uint8)
     dewarp = om.Dewarper(
         replace(FISHEYE, mount=Mount("forward")),
         om.screens.Plane((400, 300), hfov_deg=150.0),
         interpolation,
     )
-    dewarped = dewarp(picture)
+    dewarped = dewarp(image)
     u, v = np.moveaxis(dewarp.coordinates(), -1, 0)
     inside = (u >= -0.5) & (u <= 639.5) & (v >= -0.5) & (v <= 479.5)
     assert 0.1 < inside.mean() < 0.9
@@ -233,24 +233,24 @@ def test_image_edge_is_not_smeared(interpolation):
 
 def test_large_outputs_are_tiled(monkeypatch, uncompiled):
     view = om.screens.Cylinder((90, 70), -90.0, 90.0)
-    picture = np.random.default_rng(0).integers(0, 255, (1020, 1024, 3), np.uint8)
-    whole = om.Dewarper(BALL, view)(picture)
+    image = np.random.default_rng(0).integers(0, 255, (1020, 1024, 3), np.uint8)
+    whole = om.Dewarper(BALL, view)(image)
     uncompiled()
     monkeypatch.setattr(sampling, "MAX_SIDE_PX", 1025)
-    long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
+    long = om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(image)
     monkeypatch.undo()
     uncompiled()
     np.testing.assert_array_equal(
-        long, om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(picture)
+        long, om.Dewarper(BALL, om.screens.Cylinder((4000, 3), -50.0, 0.0))(image)
     )
     assert whole.any()
-    longest = om.Dewarper(BALL, om.screens.Cylinder((40_000, 2), -50.0, 0.0))(picture)
+    longest = om.Dewarper(BALL, om.screens.Cylinder((40_000, 2), -50.0, 0.0))(image)
     assert longest.shape == (2, 40_000, 3)
     assert longest[:, 33_000:].any(axis=-1).mean() > 0.9
 
 
 @pytest.mark.parametrize(
-    ("picture", "message"),
+    ("image", "message"),
     [
         (
             np.zeros((510, 512, 3), np.uint8),
@@ -265,9 +265,9 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
         (np.zeros(1020, np.uint8), r"got an array of shape \(1020,\)"),
     ],
 )
-def test_invalid_source_image_raises(picture, message):
+def test_invalid_source_image_raises(image, message):
     with pytest.raises(InvalidParameter, match=message):
-        om.Dewarper(BALL, om.screens.Plane((20, 10), tilt_deg=-30.0))(picture)
+        om.Dewarper(BALL, om.screens.Plane((20, 10), tilt_deg=-30.0))(image)
 
 
 def test_image_too_large_for_opencv_raises(uncompiled):
@@ -304,7 +304,7 @@ def test_view_outside_field_raises(view, message):
 
 # -- border value ---------------------------------------------------------------------------------
 
-ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # nothing of it is visible above 45 deg
+ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # no pixel above 45 deg is visible
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ ALL_OF_IT = om.screens.Cylinder((60, 90), -90.0, 90.0)  # nothing of it is visib
     ],
 )
 def test_border_fills_outside(dtype, channels, border, expected, interpolation):
-    picture = np.full((1020, 1024, *channels), 100, dtype)
+    image = np.full((1020, 1024, *channels), 100, dtype)
     for view in (
         ALL_OF_IT,
         om.screens.DomeMaster((90, 90), 170.0, "nadir"),
@@ -333,7 +333,7 @@ def test_border_fills_outside(dtype, channels, border, expected, interpolation):
     ):
         dewarp = om.Dewarper(BALL, view, interpolation, border=border)
         for _ in range(2):
-            dewarped = dewarp(picture)
+            dewarped = dewarp(image)
             np.testing.assert_allclose(dewarped[dewarp.valid], 100, rtol=1e-6)
             outside = dewarped[~dewarp.valid]
             assert len(outside)
@@ -343,11 +343,11 @@ def test_border_fills_outside(dtype, channels, border, expected, interpolation):
 
 
 def test_border_with_added_alpha_is_transparent():
-    for picture, border in (
+    for image, border in (
         (np.full((1020, 1024, 3), 100, np.uint8), (1, 2, 3)),
         (np.full((1020, 1024), 100, np.uint8), 9),
     ):
-        dewarped = om.Dewarper(BALL, ALL_OF_IT, border=border)(picture, transparent=True)
+        dewarped = om.Dewarper(BALL, ALL_OF_IT, border=border)(image, transparent=True)
         colour = border if isinstance(border, tuple) else (border,) * 3
         np.testing.assert_array_equal(dewarped[0, 0], [*colour, 0])
         np.testing.assert_array_equal(dewarped[-5, 0], [100, 100, 100, 255])
@@ -391,19 +391,21 @@ def test_unknown_interpolation_raises():
 # -- copies ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, lambda d: pickle.loads(pickle.dumps(d))])
+@pytest.mark.parametrize(
+    "duplicate_of", [copy.copy, copy.deepcopy, lambda d: pickle.loads(pickle.dumps(d))]
+)
 @pytest.mark.parametrize(
     "camera", [om.load_sensor("paper-spherical"), BALL], ids=["sensor", "ball"]
 )
-def test_used_dewarper_can_be_copied_and_pickled(camera, way):
+def test_used_dewarper_can_be_copied_and_pickled(camera, duplicate_of):
     width, height = camera.image_size
-    picture = np.random.default_rng(7).integers(0, 256, (height, width, 3), np.uint8)
+    image = np.random.default_rng(7).integers(0, 256, (height, width, 3), np.uint8)
     for view in (om.screens.Cylinder((60, 20), -60.0, -10.0), om.screens.CubeMap((48, 36))):
         dewarp = om.Dewarper(camera, view, "area", border=(1, 2, 3), keep_map=True)
-        dewarped = dewarp(picture)
-        other = way(dewarp)
-        assert other == dewarp
-        np.testing.assert_array_equal(other(picture), dewarped)
+        dewarped = dewarp(image)
+        duplicate = duplicate_of(dewarp)
+        assert duplicate == dewarp
+        np.testing.assert_array_equal(duplicate(image), dewarped)
 
 
 @pytest.mark.full
@@ -411,7 +413,7 @@ def test_dewarper_in_spawned_processes():
     dewarp = om.Dewarper(
         om.load_sensor("paper-spherical"), om.screens.Cylinder((60, 20), -60.0, -10.0)
     )
-    picture = np.random.default_rng(8).integers(0, 256, (1024, 1024, 3), np.uint8)
-    dewarped = dewarp(picture)
+    image = np.random.default_rng(8).integers(0, 256, (1024, 1024, 3), np.uint8)
+    dewarped = dewarp(image)
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        np.testing.assert_array_equal(pool.map(dewarp, [picture])[0], dewarped)
+        np.testing.assert_array_equal(pool.map(dewarp, [image])[0], dewarped)

@@ -50,35 +50,35 @@ def keys(t):
     return np.where(d <= 1, (a + 2) * d**3 - (a + 3) * d**2 + 1, a * (d**3 - 5 * d**2 + 8 * d - 4))
 
 
-def cubic(picture, places):
+def cubic(image, positions):
     """Return unclipped float64 samples (n, channels) at positions (n, 2) in the image."""
-    height, width = picture.shape[:2]
-    u, v = np.clip(places[:, 0], 0, width - 1), np.clip(places[:, 1], 0, height - 1)
+    height, width = image.shape[:2]
+    u, v = np.clip(positions[:, 0], 0, width - 1), np.clip(positions[:, 1], 0, height - 1)
     x, y = np.floor(u).astype(int), np.floor(v).astype(int)
-    values = np.zeros((len(u), picture.shape[2]))
+    values = np.zeros((len(u), image.shape[2]))
     for j, down in enumerate(keys(v - y)):
         for k, across in enumerate(keys(u - x)):
-            tap = picture[(y + j - 1).clip(0, height - 1), (x + k - 1).clip(0, width - 1)]
+            tap = image[(y + j - 1).clip(0, height - 1), (x + k - 1).clip(0, width - 1)]
             values += (down * across)[:, None] * tap
     return values
 
 
-def on(picture, places):
-    height, width = picture.shape[:2]
-    u, v = places[..., 0], places[..., 1]
+def is_in_image(image, positions):
+    height, width = image.shape[:2]
+    u, v = positions[..., 0], positions[..., 1]
     return (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
 
 
-def shortened(way, interpolation):
-    length = np.hypot(*way)
+def shortened_side(side_px, interpolation):
+    length = np.hypot(*side_px)
     if interpolation == "area":
-        return way
-    return way * (1 - (1.2 / length) ** 8) if length > 1.2 else 0 * way
+        return side_px
+    return side_px * (1 - (1.2 / length) ** 8) if length > 1.2 else 0 * side_px
 
 
-def count(way, interpolation):
+def count(side_px, interpolation):
     """Return the number of samples per side."""
-    length = np.hypot(*way)
+    length = np.hypot(*side_px)
     if interpolation == "area":
         return 1 if length <= 0.5 else max(2, math.ceil(length - 1e-6))
     return (
@@ -86,33 +86,42 @@ def count(way, interpolation):
     )
 
 
-def truth(picture, places, matrix, interpolation, border):
+def truth(image, positions, matrix, interpolation, border):
     """Return (rows, columns, channels) of an affine map (rows, columns, 2): its columns span the
     footprint."""
-    aside, upright = np.array(matrix).T
-    across, down = count(aside, interpolation), count(upright, interpolation)
-    aside, upright = shortened(aside, interpolation), shortened(upright, interpolation)
-    flat = places.reshape(-1, 2).astype(float)
-    sums, counts = np.zeros((len(flat), picture.shape[2])), np.zeros((len(flat), 1))
+    column_side, row_side = np.array(matrix).T
+    across, down = count(column_side, interpolation), count(row_side, interpolation)
+    column_side, row_side = (
+        shortened_side(column_side, interpolation),
+        shortened_side(row_side, interpolation),
+    )
+    flat = positions.reshape(-1, 2).astype(float)
+    sums, counts = np.zeros((len(flat), image.shape[2])), np.zeros((len(flat), 1))
     for i in range(across):
         for j in range(down):
-            tap = flat + ((i + 0.5) / across - 0.5) * aside + ((j + 0.5) / down - 0.5) * upright
-            inside = on(picture, tap)[:, None]
-            sums += np.where(inside, cubic(picture, tap), 0)
+            tap = (
+                flat
+                + ((i + 0.5) / across - 0.5) * column_side
+                + ((j + 0.5) / down - 0.5) * row_side
+            )
+            inside = is_in_image(image, tap)[:, None]
+            sums += np.where(inside, cubic(image, tap), 0)
             counts += inside
-    means = np.where(counts > 0, sums / np.maximum(counts, 1), cubic(picture, flat))
-    if picture.dtype != np.float32:
-        means = means.clip(0, FULL[picture.dtype.name])
-    return np.where(on(picture, flat)[:, None], means, border).reshape(*places.shape[:2], -1)
+    means = np.where(counts > 0, sums / np.maximum(counts, 1), cubic(image, flat))
+    if image.dtype != np.float32:
+        means = means.clip(0, FULL[image.dtype.name])
+    return np.where(is_in_image(image, flat)[:, None], means, border).reshape(
+        *positions.shape[:2], -1
+    )
 
 
 @cache
 def expected(depth, channels, interpolation):
     """Return the positions and averages of each case of :data:`AFFINE`."""
-    all_places = [affine(matrix, (74.37, 63.23), shape) for matrix, shape in AFFINE]
+    maps = [affine(matrix, (74.37, 63.23), shape) for matrix, shape in AFFINE]
     return [
-        (places, truth(texture(depth, channels), places, matrix, interpolation, FULL[depth]))
-        for places, (matrix, _) in zip(all_places, AFFINE, strict=True)
+        (positions, truth(texture(depth, channels), positions, matrix, interpolation, FULL[depth]))
+        for positions, (matrix, _) in zip(maps, AFFINE, strict=True)
     ]
 
 
@@ -123,10 +132,10 @@ def texture(depth, channels, size=(150, 130), seed=5):
     levels = [
         cv2.resize(rng.random((n, n)), size, interpolation=cv2.INTER_CUBIC) for n in (4, 15, 60)
     ]
-    picture = np.dstack([np.roll(sum(levels), 17 * c, axis=1) for c in range(channels)])
-    picture = picture / 3 + rng.normal(0, 0.12, (height, width, channels))
-    picture = picture.clip(0, 1) * FULL[depth]
-    return (picture if depth == "float32" else np.rint(picture)).astype(depth)
+    image = np.dstack([np.roll(sum(levels), 17 * c, axis=1) for c in range(channels)])
+    image = image / 3 + rng.normal(0, 0.12, (height, width, channels))
+    image = image.clip(0, 1) * FULL[depth]
+    return (image if depth == "float32" else np.rint(image)).astype(depth)
 
 
 def affine(matrix, middle, shape):
@@ -148,12 +157,12 @@ AFFINE = ((FINE, (9, 11)), (SHRINKING, (60, 43)), (SLANTED, (33, 20)), (STRONG, 
     ("depth", "channels"), few(KINDS, ("uint8", 1), ("uint16", 4), ("float32", 3))
 )
 def test_averages_match_definition(depth, channels, interpolation, sampler):
-    picture = texture(depth, channels)
-    for places, means in expected(depth, channels, interpolation):
-        fixed = PixelMap(places, (150, 130), Annulus(75.0, 65.0, 0.0, 1e3))
-        for taken in (remap(picture, fixed, interpolation, border=FULL[depth]) for _ in range(2)):
-            assert taken.dtype == picture.dtype
-            np.testing.assert_allclose(taken, means, rtol=0, atol=TOLERANCE[depth])
+    image = texture(depth, channels)
+    for positions, means in expected(depth, channels, interpolation):
+        fixed = PixelMap(positions, (150, 130), Annulus(75.0, 65.0, 0.0, 1e3))
+        for output in (remap(image, fixed, interpolation, border=FULL[depth]) for _ in range(2)):
+            assert output.dtype == image.dtype
+            np.testing.assert_allclose(output, means, rtol=0, atol=TOLERANCE[depth])
 
 
 # -- all forms of coordinates ---------------------------------------------------------------------
@@ -163,7 +172,7 @@ def grid_of(matrix, size, step, bend=0.0):
     """Return a lattice of an affine or bent map."""
     width, height = size
 
-    def places(x, y):
+    def positions_at(x, y):
         at = np.stack([x - width / 2, y - height / 2], axis=-1) @ np.array(matrix).T + (
             74.37,
             63.23,
@@ -172,31 +181,31 @@ def grid_of(matrix, size, step, bend=0.0):
 
     down, across = -(-height // step), -(-width // step)
     x, y = np.meshgrid((np.arange(across + 3) - 1.0) * step, (np.arange(down + 3) - 1.0) * step)
-    nodes = np.ascontiguousarray(np.moveaxis(places(x, y), -1, 0), np.float32)
+    nodes = np.ascontiguousarray(np.moveaxis(positions_at(x, y), -1, 0), np.float32)
     cells, patches = np.full((down, across), -1, np.int32), np.empty((0, step, step, 2), np.float32)
     grid = LatticeMap(nodes, size, (150, 130), step, cells, patches)
-    return grid, places(*np.meshgrid(np.arange(float(width)), np.arange(float(height))))
+    return grid, positions_at(*np.meshgrid(np.arange(float(width)), np.arange(float(height))))
 
 
 @pytest.mark.parametrize("interpolation", few(["auto", "area"], "auto"))
 @pytest.mark.parametrize("step", [4, 8, 16, 32, 64])
 def test_lattice_averages_match_pixel_map(step, interpolation, sampler):
-    picture = texture("uint8", 3)
+    image = texture("uint8", 3)
     for size, matrix in (
         ((47, 61), SHRINKING),
         ((130, 70), [[0.9, 0.1], [0.0, 1.6]]),
         ((1, 1), STRONG),
     ):
-        grid, places = grid_of(matrix, size, step, 1e-3)
-        taken = remap(picture, grid, interpolation, border=9)
+        grid, positions = grid_of(matrix, size, step, 1e-3)
+        output = remap(image, grid, interpolation, border=9)
         fixed = PixelMap.of(grid)
-        for again in (
-            remap(picture, fixed, interpolation, border=9) for _ in range(2 * (step > 4))
+        for repeated in (
+            remap(image, fixed, interpolation, border=9) for _ in range(2 * (step > 4))
         ):
-            assert (np.abs(again.astype(int) - taken) > 1).mean() < 1e-3  # at the image border
+            assert (np.abs(repeated.astype(int) - output) > 1).mean() < 1e-3  # at the image border
         # cells may use one sample more or less than those of a map, which have other origins
-        other = remap_at(picture, places, interpolation, border=9)
-        assert np.sqrt(np.mean((other.astype(float) - taken) ** 2)) < 2
+        other = remap_at(image, positions, interpolation, border=9)
+        assert np.sqrt(np.mean((other.astype(float) - output) ** 2)) < 2
 
 
 @pytest.mark.parametrize("keep_map", [False, True])
@@ -234,8 +243,8 @@ def test_first_frame_equals_later_frames():
         dewarp = om.Dewarper(BALL, view)
         first = dewarp.planes((luma, chroma))
         _ = dewarp.valid
-        for plane, again in zip(first, dewarp.planes((luma, chroma)), strict=True):
-            np.testing.assert_array_equal(plane, again)
+        for plane, repeated in zip(first, dewarp.planes((luma, chroma)), strict=True):
+            np.testing.assert_array_equal(plane, repeated)
 
 
 # -- antialiasing ---------------------------------------------------------------------------------
@@ -245,14 +254,14 @@ def test_subpixel_stripes_become_grey(sampler):
     """Stripes sampled once per pixel alias to broad bands."""
     stripes = np.zeros((400, 400), np.uint8)
     stripes[:, ::4] = stripes[:, 1::4] = 200
-    places = affine([[4.3, 0.3], [-0.3, 4.3]], (199.5, 199.5), (80, 80))
+    positions = affine([[4.3, 0.3], [-0.3, 4.3]], (199.5, 199.5), (80, 80))
     for interpolation in ("auto", "area"):
-        averaged = remap_at(stripes, places, interpolation)
+        averaged = remap_at(stripes, positions, interpolation)
         assert abs(averaged.mean() - 100) < 1
         assert (
             averaged.astype(float).std() < 10
         )  # the mean of 4 px stripes over 4.3 px has a contrast of 6
-    assert remap_at(stripes, places, "cubic").astype(float).std() > 60
+    assert remap_at(stripes, positions, "cubic").astype(float).std() > 60
 
 
 @settings(max_examples=25, deadline=None)
@@ -260,44 +269,44 @@ def test_subpixel_stripes_become_grey(sampler):
 def test_footprint_mean_matches_dense_sampling(seed):
     """Any parallelogram, for an image without structure below two pixels."""
     rng = np.random.default_rng(seed)
-    picture = cv2.GaussianBlur(texture("float32", 1, (260, 260), seed % 1000), (0, 0), 1.0)
-    turn, shear = rng.uniform(0, 2 * np.pi), rng.uniform(-0.5, 0.5)
-    across, down = rng.uniform(0.2, 12, 2)
-    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [
-        [across, shear],
-        [0.0, down],
+    image = cv2.GaussianBlur(texture("float32", 1, (260, 260), seed % 1000), (0, 0), 1.0)
+    angle, shear = rng.uniform(0, 2 * np.pi), rng.uniform(-0.5, 0.5)
+    width_px, height_px = rng.uniform(0.2, 12, 2)
+    matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ [
+        [width_px, shear],
+        [0.0, height_px],
     ]
-    places = affine(matrix, (129.5, 129.5), (7, 9))
+    positions = affine(matrix, (129.5, 129.5), (7, 9))
     many = affine(matrix / 31, (129.5, 129.5), (7 * 31, 9 * 31))
-    mean = remap_at(picture, many, "linear").reshape(7, 31, 9, 31).mean(axis=(1, 3))
-    np.testing.assert_allclose(remap_at(picture, places, "area"), mean, atol=0.015)
+    mean = remap_at(image, many, "linear").reshape(7, 31, 9, 31).mean(axis=(1, 3))
+    np.testing.assert_allclose(remap_at(image, positions, "area"), mean, atol=0.015)
 
 
 def test_auto_equals_cubic_without_minification(sampler):
-    picture = texture("uint8", 3, (1024, 1020))
+    image = texture("uint8", 3, (1024, 1020))
     for view in (
         om.screens.Plane((320, 180), 30.0, -20.0, 0.0, 40.0),
         om.screens.Cylinder((400, 60), -20.0, -15.0, 0, 60),
     ):
         auto, cubic = om.Dewarper(BALL, view), om.Dewarper(BALL, view, "cubic")
         for _ in range(2):
-            np.testing.assert_array_equal(auto(picture), cubic(picture))
+            np.testing.assert_array_equal(auto(image), cubic(image))
         assert auto._map.averages("auto") is None  # same cost as cubic
 
 
 def test_regions_join_without_seam():
     """On a gradient, boundaries of averaged and non-averaged cells cause no steps."""
     v, u = np.mgrid[:1020, :1024]
-    picture = (100 + 60 * np.sin(u / 3.1) * np.sin(v / 3.7)).astype(np.float32)
+    image = (100 + 60 * np.sin(u / 3.1) * np.sin(v / 3.7)).astype(np.float32)
     view = om.screens.Plane((640, 400), 20.0, -40.0, 0.0, 150.0)
     dewarp = om.Dewarper(BALL, view)
-    taken, taps = dewarp(picture), dewarp._map.averages("auto").taps
+    output, taps = dewarp(image), dewarp._map.averages("auto").taps
     assert len(np.unique(taps.reshape(-1, 2), axis=0)) >= 4
     step = dewarp._map.step
     differs = (
         (np.diff(taps.astype(int), axis=1) != 0).any(axis=-1).repeat(step, axis=0)[: view.size[1]]
     )
-    bend = np.abs(np.diff(taken, 3, axis=1))  # of four consecutive pixels
+    bend = np.abs(np.diff(output, 3, axis=1))  # of four consecutive pixels
     rows, cells = np.nonzero(differs)
     columns = (cells + 1) * step  # the first pixel of the next cell
     inside = (columns + 10 < view.size[0]) & dewarp.valid[
@@ -320,16 +329,16 @@ def test_averages_exclude_outside_of_field(camera, sampler):
         centre_px=(255.5, 254.5), rim_radius_px=240.0, field_deg=270.0, image_size=(512, 510)
     )
     v, u = np.mgrid[:510, :512]
-    picture = np.where(np.hypot(u - 255.5, v - 254.5) < 244, 80, 255).astype(np.uint8)
+    image = np.where(np.hypot(u - 255.5, v - 254.5) < 244, 80, 255).astype(np.uint8)
     view = om.screens.DomeMaster((90, 90), 150.0, "nadir")
     dewarp = om.Dewarper(
         ball if camera == "symmetric" else _Unsymmetric(ball), view, "area", border=7
     )
     for _ in range(2):
-        taken = dewarp(picture)
+        output = dewarp(image)
         assert 0.6 < dewarp.valid.mean() < 0.9
-        np.testing.assert_array_equal(taken[dewarp.valid], 80)
-        np.testing.assert_array_equal(taken[~dewarp.valid], 7)
+        np.testing.assert_array_equal(output[dewarp.valid], 80)
+        np.testing.assert_array_equal(output[~dewarp.valid], 7)
     np.testing.assert_array_equal(dewarp.valid, om.Dewarper(ball, view, "nearest").valid)
 
 
@@ -347,53 +356,51 @@ class _Unsymmetric:
 
 def test_averages_at_image_border(sampler):
     """A white image remains white up to its last pixel, whose footprint crosses the border."""
-    picture = np.full((50, 60, 3), 255, np.uint8)
-    places = affine([[7.0, 0.0], [0.0, 5.0]], (29.5, 24.5), (15, 13))
+    image = np.full((50, 60, 3), 255, np.uint8)
+    positions = affine([[7.0, 0.0], [0.0, 5.0]], (29.5, 24.5), (15, 13))
     for interpolation in ("auto", "area"):
-        taken = remap_at(picture, places, interpolation, border=10)
-        np.testing.assert_array_equal(taken[on(picture, places)], 255)
-        np.testing.assert_array_equal(taken[~on(picture, places)], 10)
+        output = remap_at(image, positions, interpolation, border=10)
+        np.testing.assert_array_equal(output[is_in_image(image, positions)], 255)
+        np.testing.assert_array_equal(output[~is_in_image(image, positions)], 10)
 
 
 @pytest.mark.parametrize("width", [36, 72, 200])
 def test_panorama_seam_is_averaged_as_other_columns(width, sampler):
     """The same columns in the middle of a panorama that is turned by half a turn."""
-    picture = cv2.GaussianBlur(texture("uint8", 3, (1024, 1020)), (0, 0), 2)
+    image = cv2.GaussianBlur(texture("uint8", 3, (1024, 1020)), (0, 0), 2)
     seam, middle = (
-        om.Dewarper(BALL, om.views.panorama(BALL, (width, 24), pan_deg=pan_deg))(picture).astype(
-            int
-        )
+        om.Dewarper(BALL, om.views.panorama(BALL, (width, 24), pan_deg=pan_deg))(image).astype(int)
         for pan_deg in (0.0, 180.0)
     )
-    off = np.abs(np.roll(seam, width // 2, axis=1) - middle)
-    assert off[:, [0, -1, width // 2 - 1, width // 2]].max() <= 1
-    assert off.max() <= 1
+    difference = np.abs(np.roll(seam, width // 2, axis=1) - middle)
+    assert difference[:, [0, -1, width // 2 - 1, width // 2]].max() <= 1
+    assert difference.max() <= 1
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "auto", "area"])
 @pytest.mark.parametrize(("width", "value"), [(1600, np.inf), (360, np.inf), (72, -np.inf)])
 def test_infinite_value_does_not_yield_nan(interpolation, width, value, sampler):
-    """It makes those pixels infinite that a bright value at its place reaches, and no other."""
+    """Exactly the pixels that a bright value at the same position affects become infinite."""
     dewarp = om.Dewarper(BALL, om.views.panorama(BALL, (width, width // 4)), interpolation)
-    places = dewarp.coordinates()
-    u, v = np.rint(places[places.shape[0] // 2, places.shape[1] // 3]).astype(int)
-    picture = np.full((1020, 1024, 3), 0.5, np.float32)
-    grey = dewarp(picture)
-    picture[v, u, 1] = 100.0
-    bright = dewarp(picture)
-    picture[v, u, 1] = value
-    taken = dewarp(picture)
-    np.testing.assert_array_equal(taken[..., [0, 2]], grey[..., [0, 2]])
-    reached = bright[..., 1] > grey[..., 1] + 1e-3
-    assert 1 <= reached.sum() <= 16
-    assert (taken[reached, 1] == value).all()
-    assert np.isfinite(taken[~reached]).all()
-    np.testing.assert_allclose(taken[~reached, 1], grey[~reached, 1], atol=1e-3)
+    positions = dewarp.coordinates()
+    u, v = np.rint(positions[positions.shape[0] // 2, positions.shape[1] // 3]).astype(int)
+    image = np.full((1020, 1024, 3), 0.5, np.float32)
+    grey = dewarp(image)
+    image[v, u, 1] = 100.0
+    bright = dewarp(image)
+    image[v, u, 1] = value
+    output = dewarp(image)
+    np.testing.assert_array_equal(output[..., [0, 2]], grey[..., [0, 2]])
+    brighter = bright[..., 1] > grey[..., 1] + 1e-3
+    assert 1 <= brighter.sum() <= 16
+    assert (output[brighter, 1] == value).all()
+    assert np.isfinite(output[~brighter]).all()
+    np.testing.assert_allclose(output[~brighter, 1], grey[~brighter, 1], atol=1e-3)
 
 
 def test_mosaic_views_do_not_mix(sampler):
     """Each view equals the single view up to its last pixel, for any direction of its neighbour."""
-    picture = texture("uint8", 3, (1024, 1020))
+    image = texture("uint8", 3, (1024, 1020))
     down, ahead = (
         om.screens.DomeMaster((80, 80), 100.0, "nadir"),
         om.screens.Plane((79, 50), 0.0, -10.0, 0.0, 120.0),
@@ -401,41 +408,41 @@ def test_mosaic_views_do_not_mix(sampler):
     mosaic = om.screens.Mosaic((159, 80), ((0, 0, down), (80, 0, ahead)))
     together = om.Dewarper(BALL, mosaic)
     for _ in range(2):
-        taken = together(picture)
+        output = together(image)
         for left, top, view in mosaic.parts:
             width, height = view.size
-            alone = om.Dewarper(BALL, view)(picture)
-            part = taken[top : top + height, left : left + width]
+            alone = om.Dewarper(BALL, view)(image)
+            part = output[top : top + height, left : left + width]
             # cells have other origins there, and may use one sample more
-            off = np.abs(part.astype(int) - alone)
-            assert off.mean() < 0.5
-            assert off[:, [0, -1]].mean() < 0.8
-            assert off.max() < 20
+            difference = np.abs(part.astype(int) - alone)
+            assert difference.mean() < 0.5
+            assert difference[:, [0, -1]].mean() < 0.8
+            assert difference.max() < 20
 
 
 def test_discontinuities_do_not_enlarge_footprints():
-    places = np.concatenate(
+    positions = np.concatenate(
         [affine(FINE, (40, 40), (32, 24)), affine(FINE, (900, 700), (32, 24))], axis=1
     )
-    assert squared_sides_of_pixels(places).max() < 0.3
+    assert squared_sides_of_pixels(positions).max() < 0.3
 
 
 def test_single_pixel_and_row_views():
-    picture = texture("uint8", 3, (1024, 1020))
+    image = texture("uint8", 3, (1024, 1020))
     for size in ((1, 1), (1, 40), (40, 1), (2, 2)):
         for interpolation in ("auto", "area"):
             dewarp = om.Dewarper(BALL, om.screens.Plane(size, 0.0, -40.0, 0.0, 60.0), interpolation)
-            assert dewarp(picture).shape == (size[1], size[0], 3)
-            assert dewarp(picture).any()
+            assert dewarp(image).shape == (size[1], size[0], 3)
+            assert dewarp(image).any()
 
 
 def test_number_of_taps_is_bounded():
     """4000 source pixels on 8: limited to 128 samples per side."""
-    picture = np.full((4000, 4000), 99, np.uint8)
-    places = affine([[500.0, 0], [0, 500.0]], (1999.5, 1999.5), (8, 8))
-    fixed = PixelMap(places, (4000, 4000))
+    image = np.full((4000, 4000), 99, np.uint8)
+    positions = affine([[500.0, 0], [0, 500.0]], (1999.5, 1999.5), (8, 8))
+    fixed = PixelMap(positions, (4000, 4000))
     assert fixed.averages("area").taps.max() == 128
-    assert (remap(picture, fixed, "area") == 99).all()
+    assert (remap(image, fixed, "area") == 99).all()
 
 
 # -- memory ----------------------------------------------------------------------------------------
@@ -454,9 +461,9 @@ def test_random_sizes_stay_within_memory(data):
     width, height, columns, rows = (data.draw(SIZES) for _ in range(4))
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32)))
     matrix = rng.uniform(-4, 4, (2, 2))
-    places = affine(matrix, (width / 2, height / 2), (rows, columns))
-    places[rng.random((rows, columns)) < data.draw(st.sampled_from([0, 0.05, 0.5]))] = np.nan
-    places[:, rng.random(columns) < 0.1] += np.float32(rng.uniform(-300, 300))
+    positions = affine(matrix, (width / 2, height / 2), (rows, columns))
+    positions[rng.random((rows, columns)) < data.draw(st.sampled_from([0, 0.05, 0.5]))] = np.nan
+    positions[:, rng.random(columns) < 0.1] += np.float32(rng.uniform(-300, 300))
     item, padding = np.dtype(depth).itemsize, 96
 
     def guarded(shape):
@@ -464,18 +471,18 @@ def test_random_sizes_stay_within_memory(data):
         memory = np.full(size + 2 * padding, 0xA5, np.uint8)
         return memory, memory[padding : padding + size].view(depth).reshape(shape)
 
-    source, picture = guarded((height, width, channels))
-    picture[:] = 0.5 if depth == "float32" else 77
+    source, image = guarded((height, width, channels))
+    image[:] = 0.5 if depth == "float32" else 77
     target, out = guarded((rows, columns, channels))
     before = MODULE and MODULE.instruction_set()
     if MODULE is not None:
         MODULE.set_instruction_set(name)
     try:
-        fixed = PixelMap(places, (width, height))
-        for taken in (remap(picture, fixed, interpolation, out) for _ in range(2)):
-            inside = on(picture, places)
-            np.testing.assert_allclose(taken[inside], 0.5 if depth == "float32" else 77, rtol=1e-5)
-            assert (taken[~inside] == 0).all()
+        fixed = PixelMap(positions, (width, height))
+        for output in (remap(image, fixed, interpolation, out) for _ in range(2)):
+            inside = is_in_image(image, positions)
+            np.testing.assert_allclose(output[inside], 0.5 if depth == "float32" else 77, rtol=1e-5)
+            assert (output[~inside] == 0).all()
     finally:
         if MODULE is not None:
             MODULE.set_instruction_set(before)
@@ -486,27 +493,29 @@ def test_random_sizes_stay_within_memory(data):
 
 @pytest.mark.skipif(MODULE is None, reason="requires the compiled module")
 def test_compiled_module_checks_bounds():
-    picture, places = texture("uint8", 3), affine(SHRINKING, (70, 60), (40, 30))
+    image, positions = texture("uint8", 3), affine(SHRINKING, (70, 60), (40, 30))
     out = np.empty((40, 30, 3), np.uint8)
     taps = np.full((3, 2, 2), 2, np.uint8)
     good = MODULE.Averages(taps, 16, 1.2, None)
-    MODULE.remap(picture, places, out, 2, 0, good)
+    MODULE.remap(image, positions, out, 2, 0, good)
     grid, _ = grid_of(FINE, (30, 40), 8)
     for call in (
         lambda: MODULE.Averages(taps * 0, 16, 1.2, None),
         lambda: MODULE.Averages(taps + 127, 16, 1.2, None),
         lambda: MODULE.Averages(taps, 12, 1.2, None),
         lambda: MODULE.Averages(taps[..., :1].copy(), 16, 1.2, None),
-        lambda: MODULE.remap(picture, places, out, 1, 0, good),
+        lambda: MODULE.remap(image, positions, out, 1, 0, good),
         lambda: MODULE.remap(
-            picture, places, out, 2, 0, MODULE.Averages(taps[:2].copy(), 16, 1.2, None)
+            image, positions, out, 2, 0, MODULE.Averages(taps[:2].copy(), 16, 1.2, None)
         ),
-        lambda: MODULE.PackedMap(places, 150, 130, 3, False, 2).sample(picture, out, 0, None, good),
-        lambda: MODULE.PackedMap(places, 150, 130, 3, False, 2).sample(
-            picture, out, 0, places[1:], good
+        lambda: MODULE.PackedMap(positions, 150, 130, 3, False, 2).sample(
+            image, out, 0, None, good
         ),
-        lambda: MODULE.remap(picture, places, out, 2, (1, 2)),
-        lambda: MODULE.remap(picture, places, out, 2, (1, 2, 256)),
+        lambda: MODULE.PackedMap(positions, 150, 130, 3, False, 2).sample(
+            image, out, 0, positions[1:], good
+        ),
+        lambda: MODULE.remap(image, positions, out, 2, (1, 2)),
+        lambda: MODULE.remap(image, positions, out, 2, (1, 2, 256)),
         lambda: MODULE.squared_sides_of_lattice(
             *grid.nodes, 8, grid.cells, grid.patches, np.empty((1, 1, 2), np.float32)
         ),
@@ -523,15 +532,15 @@ def test_compiled_module_checks_bounds():
 
 @pytest.mark.skipif(MODULE is None, reason="requires the compiled module")
 def test_threads_give_identical_results():
-    picture, before = texture("uint8", 3), backend.threads
+    image, before = texture("uint8", 3), backend.threads
     grid, _ = grid_of(SHRINKING, (60, 61), 16)
     fixed = PixelMap.of(grid)
     backend.set_threads(1)
-    expected = remap(picture, fixed, "auto"), remap(picture, grid, "area")
+    expected = remap(image, fixed, "auto"), remap(image, grid, "area")
     for count_of_threads in (2, 3, 7):
         backend.set_threads(count_of_threads)
-        np.testing.assert_array_equal(remap(picture, fixed, "auto"), expected[0])
-        np.testing.assert_array_equal(remap(picture, grid, "area"), expected[1])
+        np.testing.assert_array_equal(remap(image, fixed, "auto"), expected[0])
+        np.testing.assert_array_equal(remap(image, grid, "area"), expected[1])
     backend.set_threads(before)
 
 

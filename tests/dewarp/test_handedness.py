@@ -29,12 +29,12 @@ IMAGE_TOP_IS_FORWARD = {
 def shortest_path_pixel(point_mm, axes):
     """Return the pixel of a world point: the path point - sphere - lens is shortest over the front
     of the sphere."""
-    right, down, ahead = np.array(axes, dtype=float)
-    centre, lens = SPHERE_MM * ahead, -LENS_MM * ahead
+    right, down, forward = np.array(axes, dtype=float)
+    centre, lens = SPHERE_MM * forward, -LENS_MM * forward
 
     def on_sphere(angles):
         a, b = angles
-        normal = a * right + b * down - ahead
+        normal = a * right + b * down - forward
         return centre + SPHERE_MM * normal / np.linalg.norm(normal)
 
     def length(angles):
@@ -49,7 +49,7 @@ def shortest_path_pixel(point_mm, axes):
         options={"xatol": 1e-9, "fatol": 0},
     )
     ray = on_sphere(best.x) - lens
-    scale = IMAGE_DISTANCE_MM / PITCH_MM / (ray @ ahead)
+    scale = IMAGE_DISTANCE_MM / PITCH_MM / (ray @ forward)
     return np.array([CENTRE + scale * (ray @ right), CENTRE + scale * (ray @ down)])
 
 
@@ -77,8 +77,10 @@ def test_numeric_example_of_conventions(looks, sign):
         near = slice(int(column) - 5, int(column) + 6)
         azimuths = [azimuth_deg(c) for c in coordinates[near]]
         order = np.argsort(azimuths)
-        found = np.interp(azimuth_deg(pixel), np.array(azimuths)[order], columns[near][order])
-        assert found == pytest.approx(column, abs=0.01)
+        interpolated = np.interp(
+            azimuth_deg(pixel), np.array(azimuths)[order], columns[near][order]
+        )
+        assert interpolated == pytest.approx(column, abs=0.01)
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
@@ -109,10 +111,10 @@ def image_of_sign(axes, flipped):
     return np.ascontiguousarray(image[:, ::-1]) if flipped else image
 
 
-def find(picture, name):
+def find(image, name):
     """Return the centre (column, row) of a lamp by its brightness."""
-    rows, columns = np.nonzero(np.abs(picture.astype(int) - VALUES[name]) < 3)
-    assert len(rows) > 0, f"the lamp {name!r} is not in the picture"
+    rows, columns = np.nonzero(np.abs(image.astype(int) - VALUES[name]) < 3)
+    assert len(rows) > 0, f"the lamp {name!r} is not in the image"
     return columns.mean(), rows.mean()
 
 

@@ -64,10 +64,10 @@ def test_lattice_reproduces_cubic_maps(step, shift):
         cells[1, 2], cells[1, 3] = 1, 0
         patches = np.stack([np.full((step, step, 2), value, np.float32) for value in (7.0, np.nan)])
         cut = LatticeMap(nodes, size, (60, 50), step, cells, patches, shift)
-        lost = np.zeros(expected.shape[:2], bool)
-        lost[: 3 * step, step : 5 * step] = True
-        lost[step : 2 * step, 3 * step : 4 * step] = False
-        assert (np.isnan(cut.pixels()) == lost[..., None]).all()
+        invalid = np.zeros(expected.shape[:2], bool)
+        invalid[: 3 * step, step : 5 * step] = True
+        invalid[step : 2 * step, 3 * step : 4 * step] = False
+        assert (np.isnan(cut.pixels()) == invalid[..., None]).all()
         assert (cut.pixels()[step : 2 * step, 3 * step : 4 * step] == 7.0).all()
         assert cut.pixels().shape == (37, 43, 2)
 
@@ -134,11 +134,11 @@ def test_halved_lattice_ends_with_the_image(siting):
     for corner in ((-0.5, -0.5), (7.5, 5.5)):  # the image ends there
         edge = lattice(lambda x, y, c=corner: (c[0] + 0 * x, c[1] + 0 * y), size, source_size, 8)
         assert (edge.halved(siting, siting).cells == -1).all()
-    again = LatticeMap(
+    repeated = LatticeMap(
         grid.nodes, size, source_size, 8, np.zeros_like(grid.cells), np.full((1, 8, 8, 2), 3.0)
     ).halved(siting, siting)
-    assert (again.cells == 0).all()  # patched already
-    np.testing.assert_array_equal(again.patches[0, 0, 0], (3.0 - np.array(siting)) / 2)
+    assert (repeated.cells == 0).all()  # patched already
+    np.testing.assert_array_equal(repeated.patches[0, 0, 0], (3.0 - np.array(siting)) / 2)
 
 
 def test_halved_samples_at_field_boundary():
@@ -148,13 +148,13 @@ def test_halved_samples_at_field_boundary():
     pixels[0, 0] = np.nan
     pixels[:, 2] = (-0.6, 10.0)  # outside the image
     pixels[0, 4:], pixels[1, 4] = np.nan, (8.0, 99.6)
-    found = halved_pixels(pixels, (1.0, 0.0), (0.5, 0.5), (100, 100))
+    halved = halved_pixels(pixels, (1.0, 0.0), (0.5, 0.5), (100, 100))
     np.testing.assert_allclose(
-        found, [[[(4 / 3 - 1) / 2, 25 / 3], [2.5, 7.5], [np.nan, np.nan]]], rtol=1e-12
+        halved, [[[(4 / 3 - 1) / 2, 25 / 3], [2.5, 7.5], [np.nan, np.nan]]], rtol=1e-12
     )
-    single = halved_pixels(np.array([[[5.0, 7.0]]], np.float32), (0.5, 0.0), (0.5, 0.5), (9, 9))
-    assert single.dtype == np.float32
-    np.testing.assert_array_equal(single, [[[2.25, 3.5]]])
+    lone = halved_pixels(np.array([[[5.0, 7.0]]], np.float32), (0.5, 0.0), (0.5, 0.5), (9, 9))
+    assert lone.dtype == np.float32
+    np.testing.assert_array_equal(lone, [[[2.25, 3.5]]])
 
 
 def test_halved_samples_stay_within_the_image():
@@ -250,14 +250,14 @@ def test_visibility_of_circles_is_checked_in_every_16th_column():
 @pytest.mark.parametrize("interpolation", ["linear", "auto"])
 def test_maps_of_one_view_give_one_image(interpolation):
     """Every kind of map against the pixel map of its coordinates."""
-    picture = np.random.default_rng(1).integers(0, 256, (51, 60, 3), np.uint8)
+    image = np.random.default_rng(1).integers(0, 256, (51, 60, 3), np.uint8)
     lattices = [lattice(cubic, (43, 37), (60, 51), step, (0.25, 0.75)) for step in (4, 8)]
     circles = PolarMap((31.0, 24.0), np.linspace(3.0, 20.0, 9), np.linspace(0.3, 2.9, 21), (60, 51))
-    for one in (*lattices, circles):
-        taken = remap(picture, one, interpolation)
-        other = remap(picture, PixelMap.of(one), interpolation)
-        assert taken.std() > 20
-        assert np.abs(taken.astype(int) - other).max() <= 2
+    for sampled in (*lattices, circles):
+        output = remap(image, sampled, interpolation)
+        other = remap(image, PixelMap.of(sampled), interpolation)
+        assert output.std() > 20
+        assert np.abs(output.astype(int) - other).max() <= 2
 
 
 def test_packed_coordinates_from_the_second_image_on(monkeypatch):
@@ -271,10 +271,10 @@ def test_packed_coordinates_from_the_second_image_on(monkeypatch):
         def sample(self, source, target, border, *averages):
             calls.append(("packed", len(averages)))
 
-    def remapped(source, pixels, target, *arguments):
+    def record_call(source, pixels, target, *arguments):
         calls.append(("unpacked", arguments[0]))
 
-    kernels = SimpleNamespace(PackedMap=Packed, remap=remapped)
+    kernels = SimpleNamespace(PackedMap=Packed, remap=record_call)
     monkeypatch.setattr(maps, "backend", SimpleNamespace(kernels=kernels))
 
     def sample(fixed, kernel="linear", dtype=np.uint8, channels=3, are_everywhere=None):

@@ -45,14 +45,14 @@ def test_request_has_the_documented_defaults():
 
 
 def test_camera_of_an_image_size():
-    asked = []
+    sizes = []
 
     def camera(size):
-        asked.append(size)
+        sizes.append(size)
         return replace(BALL, image_size=size)
 
     assert DewarpRequest(camera).camera_of((200, 100)).image_size == (200, 100)
-    assert asked == [(200, 100)]
+    assert sizes == [(200, 100)]
     assert DewarpRequest(BALL).camera_of((200, 100)) is BALL
     with pytest.raises(InvalidParameter, match=r"the result of camera\(size\) must be a camera"):
         DewarpRequest(lambda size: size).camera_of((2, 1))
@@ -78,9 +78,9 @@ def test_panorama_metadata_contain_residual_tilt():
     assert (plain.pitch_deg, plain.roll_deg) == (0.0, 0.0)
     assert DewarpRequest(TILTED).panorama_of(TILTED, SPHERE) == plain
     assert DewarpRequest(TILTED, keep_tilt=True).panorama_of(Bare(), SPHERE) == plain
-    kept = DewarpRequest(TILTED, keep_tilt=True).panorama_of(TILTED, SPHERE)
+    metadata = DewarpRequest(TILTED, keep_tilt=True).panorama_of(TILTED, SPHERE)
     pitch, roll = TILTED.mount.view_tilt_deg(90.0)
-    assert kept == GPano.of_view(size, elevation, 180.0, tilt_deg=(pitch, roll))
+    assert metadata == GPano.of_view(size, elevation, 180.0, tilt_deg=(pitch, roll))
     assert roll == pytest.approx(20.0, abs=1.0)
 
 
@@ -102,11 +102,11 @@ def test_distant_panoramas_linear_in_tilt_have_metadata(view, is_panorama):
 def test_encoder_settings_are_those_specified():
     assert VideoSettings().encoding() == {}
     assert (VideoSettings().preview, VideoSettings().skip_existing) == (False, False)
-    given = VideoSettings(codec="h264", crf=0, pixel_format="yuv420p", start_s=1.0)
-    assert given.encoding() == {"codec": "h264", "crf": 0, "pixel_format": "yuv420p"}
-    raw = replace(given, pipe_format="rawvideo")  # the format of the pixels is that of the pipe
+    settings = VideoSettings(codec="h264", crf=0, pixel_format="yuv420p", start_s=1.0)
+    assert settings.encoding() == {"codec": "h264", "crf": 0, "pixel_format": "yuv420p"}
+    raw = replace(settings, pipe_format="rawvideo")  # the format of the pixels is that of the pipe
     assert raw.encoding() == {"codec": "h264", "crf": 0}
-    assert replace(given, pipe_format="y4m").encoding() == given.encoding()
+    assert replace(settings, pipe_format="y4m").encoding() == settings.encoding()
 
 
 @pytest.mark.parametrize(

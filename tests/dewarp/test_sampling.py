@@ -102,11 +102,11 @@ def photograph(depth="uint8", channels=3, size=(230, 170)):
     return (image if depth == "float32" else np.rint(image)).astype(depth)
 
 
-def spiral(size, shape=(61, 133), reach=1.1):
+def spiral(size, shape=(61, 133), max_radius=1.1):
     """Return coordinates all over an image and beyond its borders, some of them NaN."""
     rows, columns = shape
     angle = np.linspace(0, 40, rows * columns).reshape(shape)
-    radius = np.linspace(0, reach, rows * columns).reshape(shape)
+    radius = np.linspace(0, max_radius, rows * columns).reshape(shape)
     width, height = size
     pixels = np.stack(
         [
@@ -131,9 +131,9 @@ def test_max_sampling_error(channels, interpolation, instructions):
     """Black and white noise: 1/510 px of error in both directions, and rounding."""
     image = np.random.default_rng(0).choice([0, 255], (90, 110, channels)).astype(np.uint8)
     coordinates = spiral((110, 90), (200, 200))
-    taken = remap_at(image, coordinates, interpolation).astype(float)
+    output = remap_at(image, coordinates, interpolation).astype(float)
     expected = truth(image, coordinates, interpolation).clip(0, 255)
-    assert np.abs(taken - expected).max() < (1.6 if interpolation == "linear" else 2.2)
+    assert np.abs(output - expected).max() < (1.6 if interpolation == "linear" else 2.2)
 
 
 def test_instruction_sets_agree():
@@ -142,7 +142,7 @@ def test_instruction_sets_agree():
     for channels in (1, 2, 3, 4):
         image, coordinates = photograph(channels=channels), spiral((230, 170))
         for interpolation in COMPILED_INTERPOLATIONS:
-            taken = []
+            outputs = []
             for name in INSTRUCTIONS:
                 MODULE.set_instruction_set(name)
                 packed = MODULE.PackedMap(
@@ -155,11 +155,11 @@ def test_instruction_sets_agree():
                 )
                 out = np.empty((*coordinates.shape[:2], channels), np.uint8)
                 packed.sample(image, out, 0)
-                taken.append(out)
-            for other in taken[1:]:
-                assert np.abs(other.astype(int) - taken[0]).max() <= 1
+                outputs.append(out)
+            for other in outputs[1:]:
+                assert np.abs(other.astype(int) - outputs[0]).max() <= 1
                 assert (
-                    other != taken[0]
+                    other != outputs[0]
                 ).mean() < 1e-3  # fractions of 0.5 may be rounded either way
     MODULE.set_instruction_set(before)
 
@@ -200,23 +200,23 @@ def test_random_sizes_stay_within_memory(data):
     coordinates[rng.random((rows, columns)) < 0.1] = np.nan
     coordinates[rng.random((rows, columns)) < 0.2] = (width - 1, height - 1)
     coordinates[rng.random((rows, columns)) < 0.2] = (width - 0.5, height - 0.5)
-    target, untouched = guarded((rows, columns + out_gap, channels), depth)
+    target, is_intact = guarded((rows, columns + out_gap, channels), depth)
     target[:] = 0
     expected = truth(image, coordinates, interpolation)
     before = MODULE.instruction_set()
     MODULE.set_instruction_set(name)
     try:
-        for taken in (
+        for output in (
             remap_at(image, coordinates, interpolation, target[:, :columns]),
             remap(
                 image, PixelMap(coordinates, (width, height)), interpolation, target[:, :columns]
             ),
         ):
             if interpolation == "nearest":
-                np.testing.assert_array_equal(taken, expected)
+                np.testing.assert_array_equal(output, expected)
             else:
                 np.testing.assert_allclose(
-                    taken,
+                    output,
                     expected,
                     rtol=0,
                     atol={"uint8": 1.6, "uint16": 4.0, "float32": 6e-5}[depth],
@@ -224,7 +224,7 @@ def test_random_sizes_stay_within_memory(data):
     finally:
         MODULE.set_instruction_set(before)
     assert intact()
-    assert untouched()
+    assert is_intact()
     assert (target[:, columns:] == 0).all()
 
 
@@ -300,12 +300,12 @@ def test_images_wider_than_16_bit_index(interpolation, instructions):
         u = np.linspace(-1, width, 1000)
         coordinates = np.stack([u, np.linspace(-1, height, 1000)], axis=-1)[None]
         expected = truth(image, coordinates, interpolation)
-        taken = remap_at(image, coordinates, interpolation)
-        assert (np.abs(taken - expected) > 1.5).mean() < 1e-3
+        output = remap_at(image, coordinates, interpolation)
+        assert (np.abs(output - expected) > 1.5).mean() < 1e-3
         wide = remap_at(
             image, np.repeat(coordinates, 40, axis=1), interpolation
         )  # and an output of the same width
-        np.testing.assert_array_equal(wide[:, ::40], taken)
+        np.testing.assert_array_equal(wide[:, ::40], output)
 
 
 def test_too_many_values_raise():
@@ -362,7 +362,7 @@ def test_compiled_module_checks_bounds():
     ):
         with pytest.raises(
             (ValueError, TypeError),
-            match=r"picture|coordinates|cell|weights|interpolation|pixels|radius|radii|src|must",
+            match=r"coordinates|cell|weights|interpolation|pixels|radius|radii|src|must",
         ):
             call()
 
@@ -375,13 +375,19 @@ def test_sides_beyond_float32_precision(interpolation, dtype, instructions):
     width = 2**24 + 5
     image = np.zeros((16, width, 1), dtype)  # few pages are touched
     beyond = width + 1, width + 3, 2.0**30
-    places = np.array(
+    positions_px = np.array(
         [[2**23 - 0.5, 2**23 + 1, 2**23 + 3, 2**24 - 1, width - 1, *beyond]], np.float32
     )
-    last = [int(x) for x in places[0, 1:5]]
+    last = [int(x) for x in positions_px[0, 1:5]]
     image[0, last, 0] = [11, 12, 13, 14]
     out = np.empty((1, 8, 1), dtype)
-    MODULE.remap(image, np.stack([places, np.zeros_like(places)], axis=-1), out, interpolation, 99)
+    MODULE.remap(
+        image,
+        np.stack([positions_px, np.zeros_like(positions_px)], axis=-1),
+        out,
+        interpolation,
+        99,
+    )
     assert out[0, 1:5, 0].tolist() == [11, 12, 13, 14]
     assert out[0, 5:, 0].tolist() == [99] * 3
 
@@ -426,10 +432,10 @@ def test_invalid_weights_raise():
         (np.nan, good > 0.5),
         (-np.inf, good < 0),
     ):
-        wrong = (
+        weights_of_wrong_shape = (
             np.where(where, np.float32(value), good) if where.any() else good * np.float32(value)
         )
-        for weights in ((wrong, good), (good, wrong)):
+        for weights in ((weights_of_wrong_shape, good), (good, weights_of_wrong_shape)):
             with pytest.raises(ValueError, match=r"must sum to 1|must be finite"):
                 MODULE.remap_lattice(image, x, y, *weights, cells, patches, out, 1, 0)
     far = np.array([[1e5], [0], [0], [1 - 1e5]], np.float32).repeat(
@@ -451,28 +457,28 @@ def test_random_target_counts_stay_within_memory(count, is_near, instructions):
     camera = MODULE.AxialCamera(
         np.eye(3), 499.5, 499.5, 1000, 1000, 0.0, 0.9, 500 * q / 0.9, origins, 3.0
     )
-    given, _ = guarded((count, 3), "float64")
-    given[:] = np.random.default_rng(count).normal(size=(count, 3)) * 100
-    given[::5] = (np.nan, 1.0, 2.0)
-    (pixels, intact), (excess, unharmed) = (
+    targets, _ = guarded((count, 3), "float64")
+    targets[:] = np.random.default_rng(count).normal(size=(count, 3)) * 100
+    targets[::5] = (np.nan, 1.0, 2.0)
+    (pixels, intact), (excess, is_unchanged) = (
         guarded((count, 2), "float64"),
         guarded((count,), "float64"),
     )
-    camera.project(given, is_near, pixels, excess)
+    camera.project(targets, is_near, pixels, excess)
     assert intact()
-    assert unharmed()
-    alone, how_far = np.empty((1, 2)), np.empty(1)
-    for target, pixel, far in zip(given, pixels, excess, strict=True):
-        camera.project(target[None], is_near, alone, how_far)
+    assert is_unchanged()
+    alone, distance = np.empty((1, 2)), np.empty(1)
+    for target, pixel, far in zip(targets, pixels, excess, strict=True):
+        camera.project(target[None], is_near, alone, distance)
         np.testing.assert_allclose(alone[0], pixel, atol=1e-9)
-        np.testing.assert_allclose(how_far[0], far, atol=1e-9)
+        np.testing.assert_allclose(distance[0], far, atol=1e-9)
     assert count < 7 or np.isfinite(pixels).any()
 
 
 def test_invalid_tables_raise():
     table = np.eye(3), 5.0, 5.0, 11, 11, 0.0, 0.9
     good = MODULE.AxialCamera(*table, np.arange(4.0), np.empty((0, 2)), 0.0)
-    for wrong in (
+    for call in (
         lambda: MODULE.AxialCamera(*table, np.zeros(1), np.empty((0, 2)), 0.0),
         lambda: MODULE.AxialCamera(*table, np.arange(4.0), np.zeros((1, 2)), 0.0),
         lambda: MODULE.AxialCamera(*table, np.array([0.0, np.nan]), np.empty((0, 2)), 0.0),
@@ -482,34 +488,34 @@ def test_invalid_tables_raise():
         lambda: good.project(np.zeros((3, 2)), False, np.zeros((3, 2)), None),
     ):
         with pytest.raises(ValueError, match=r"table|origins|radii|targets|pixels|excess|last"):
-            wrong()
+            call()
 
 
 # -- threads ---------------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def some_threads():
+def three_threads():
     before = backend.threads
     yield backend.set_threads
     backend.set_threads(before)
 
 
 @pytest.mark.parametrize("interpolation", COMPILED_INTERPOLATIONS)
-def test_threads_give_identical_results(interpolation, instructions, some_threads):
+def test_threads_give_identical_results(interpolation, instructions, three_threads):
     image, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     fixed = PixelMap(coordinates, (300, 200))
-    some_threads(1)
+    three_threads(1)
     expected = remap(image, fixed, interpolation)
     for count in (2, 4, 7):
-        some_threads(count)
+        three_threads(count)
         assert backend.threads == count
         for _ in range(20):
             np.testing.assert_array_equal(remap(image, fixed, interpolation), expected)
 
 
-def test_concurrent_callers_do_not_deadlock(some_threads):
-    some_threads(3)
+def test_concurrent_callers_do_not_deadlock(three_threads):
+    three_threads(3)
     image, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     fixed = PixelMap(coordinates, (300, 200))
     expected = remap(image, fixed)
@@ -534,8 +540,8 @@ def _sum_in_a_child(queue):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="requires os.fork")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_forked_processes_have_own_threads(some_threads):
-    some_threads(3)
+def test_forked_processes_have_own_threads(three_threads):
+    three_threads(3)
     image, coordinates = photograph(size=(300, 200)), spiral((300, 200), (333, 401))
     expected = int(remap_at(image, coordinates).sum())
     context = multiprocessing.get_context("fork")
@@ -586,12 +592,12 @@ def decibels(room, image):
         pixels = om.Dewarper(CAMERA, screen).coordinates()
         inside = np.isfinite(pixels[..., 0])
         maps = np.moveaxis(np.nan_to_num(pixels, nan=-10.0).astype(np.float32), -1, 0)
-        pictures = {kind: om.Dewarper(CAMERA, screen, kind)(image) for kind in INTERPOLATIONS}
-        pictures["cv2 lanczos"] = cv2.remap(image, *maps, cv2.INTER_LANCZOS4)
+        images = {kind: om.Dewarper(CAMERA, screen, kind)(image) for kind in INTERPOLATIONS}
+        images["cv2 lanczos"] = cv2.remap(image, *maps, cv2.INTER_LANCZOS4)
         table[name] = {
             kind: 10
-            * np.log10(255**2 / np.mean((taken[inside].astype(float) - truth[inside]) ** 2))
-            for kind, taken in pictures.items()
+            * np.log10(255**2 / np.mean((output[inside].astype(float) - truth[inside]) ** 2))
+            for kind, output in images.items()
         }
     return table
 

@@ -109,15 +109,15 @@ def test_dome_is_equidistant_and_rotates_with_pan():
     v, u = np.mgrid[:64, :64]
     radius = np.hypot(u - 31.5, v - 31.5)
     omega = np.degrees(np.arccos(-targets[..., 2]))
-    shown = ~np.isnan(omega)
-    np.testing.assert_allclose(omega[shown], radius[shown] * 130 / 32, rtol=1e-9)
-    np.testing.assert_array_equal(shown, (radius <= 32) & (radius * 130 / 32 >= 20))
+    visible = ~np.isnan(omega)
+    np.testing.assert_allclose(omega[visible], radius[visible] * 130 / 32, rtol=1e-9)
+    np.testing.assert_array_equal(visible, (radius <= 32) & (radius * 130 / 32 >= 20))
     top = targets[2, 32]
     assert top[1] < -0.9 * np.hypot(*top[:2])  # the top is to the right
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("construct", "message"),
     [
         (lambda: Cylinder((0, 5), -10.0, 10.0), "size"),
         (lambda: Cylinder((5, 200_000), -10.0, 10.0), "size"),
@@ -148,9 +148,9 @@ def test_dome_is_equidistant_and_rotates_with_pan():
         ),
     ],
 )
-def test_invalid_screen_raises(make, message):
+def test_invalid_screen_raises(construct, message):
     with pytest.raises(InvalidParameter, match=message):
-        make()
+        construct()
 
 
 @pytest.mark.parametrize(
@@ -176,11 +176,11 @@ def test_cube_map_matches_ffmpeg(layout, ffmpeg, size):
     frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(cube), "rgb24")
     frame.pts, frame.time_base = 0, 1
     first.push(frame)
-    found = last.pull().to_ndarray(format="rgb24").astype(int)
+    output = last.pull().to_ndarray(format="rgb24").astype(int)
     inside = cv2.erode(sphere.valid.astype(np.uint8), np.ones((9, 9))) > 0
     expected = sphere(image)
-    assert np.abs(found - expected)[inside].mean() < 2
-    assert np.abs(found[:, ::-1] - expected)[inside].mean() > 20
+    assert np.abs(output - expected)[inside].mean() < 2
+    assert np.abs(output[:, ::-1] - expected)[inside].mean() > 20
 
 
 @pytest.mark.parametrize("kind", [Cylinder, Equirectangular])
@@ -205,10 +205,12 @@ def test_panorama_zoom_is_limited_and_described(kind):
 def test_walls_are_complete_cylinders_by_default():
     wall = Cylinder.wall((40, 30), (-0.5, 0.5), distance_mm=0.5)
     assert wall == Cylinder((40, 30), -45.0, 45.0, 0.0, 360.0, "height", 0.5, (0.0, 0.0, 0.0))
-    words = Cylinder((40, 30), -45.0, 45.0, rows="".join(["hei", "ght"]), distance_mm=0.5)
-    np.testing.assert_array_equal(whole(words), whole(wall))
+    wall_from_joined_name = Cylinder(
+        (40, 30), -45.0, 45.0, rows="".join(["hei", "ght"]), distance_mm=0.5
+    )
+    np.testing.assert_array_equal(whole(wall_from_joined_name), whole(wall))
     np.testing.assert_allclose(np.hypot(*whole(wall)[..., :2].T), 0.5)
-    zoomed, lower = wall.zoomed(2.0), words.panned(30.0, -89.5)
+    zoomed, lower = wall.zoomed(2.0), wall_from_joined_name.panned(30.0, -89.5)
     assert (zoomed.tilt_min_deg, zoomed.tilt_max_deg) == pytest.approx(
         (-math.degrees(math.atan(0.5)), math.degrees(math.atan(0.5)))
     )

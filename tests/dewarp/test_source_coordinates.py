@@ -63,26 +63,31 @@ def random_screen(rng: np.random.Generator) -> Any:
     """Return a view of random shape, width, position and (small) size, distant or near."""
     size = tuple(int(n) for n in rng.choice([1, 7, 33, 120, 321, 500], 2))
     distance = float(rng.choice([np.inf, np.inf, 150.0, 400.0, 3000.0]))
-    moved = (0.0, 0.0, 0.0) if np.isinf(distance) else tuple(rng.uniform(-60, 60, 3))
-    place = {"distance_mm": distance, "offset_mm": moved}
+    offset_mm = (0.0, 0.0, 0.0) if np.isinf(distance) else tuple(rng.uniform(-60, 60, 3))
+    position = {"distance_mm": distance, "offset_mm": offset_mm}
     pan, tilt, roll = rng.uniform(-180, 180), rng.uniform(-90, 60), rng.uniform(-180, 180)
     match rng.integers(7):
         case 0:
-            return Plane(size, pan, tilt, roll, rng.uniform(5, 120), **place)
+            return Plane(size, pan, tilt, roll, rng.uniform(5, 120), **position)
         case 1:
-            return Plane(size, pan, tilt, roll, rng.uniform(120, 170), **place)
+            return Plane(size, pan, tilt, roll, rng.uniform(120, 170), **position)
         case 2:
             return Cylinder(
-                size, rng.uniform(-90, -10), rng.uniform(0, 60), pan, rng.uniform(20, 360), **place
+                size,
+                rng.uniform(-90, -10),
+                rng.uniform(0, 60),
+                pan,
+                rng.uniform(20, 360),
+                **position,
             )
         case 3:
-            return Equirectangular(size, pan_deg=pan, **place)
+            return Equirectangular(size, pan_deg=pan, **position)
         case 4:
             return DomeMaster(
-                size, rng.uniform(60, 180), str(rng.choice(["nadir", "zenith"])), pan, **place
+                size, rng.uniform(60, 180), str(rng.choice(["nadir", "zenith"])), pan, **position
             )
         case 5:
-            return LittlePlanet(size, rng.uniform(100, 300), "nadir", pan, **place)
+            return LittlePlanet(size, rng.uniform(100, 300), "nadir", pan, **position)
         case _:
             return Ground(size, rng.uniform(-900, -150), rng.uniform(1, 20))
 
@@ -136,17 +141,17 @@ def test_random_offset_cubes_match_exact_coordinates(seed):
 def test_number_of_projections():
     """A view of 250,000 pixels, all inside the field, requires about 1 projection per 100 pixels."""
     sensor = om.load_sensor("paper-spherical")
-    asked = 0
+    count = 0
 
-    def counted(u, v):
-        nonlocal asked
-        asked += np.broadcast(u, v).size
+    def count_projections(u, v):
+        nonlocal count
+        count += np.broadcast(u, v).size
         return sensor.project_directions(
             Plane((640, 400), tilt_deg=-10, hfov_deg=70).targets_at(u, v)
         ).pixels
 
-    lattice_map(counted, (640, 400), sensor.image_size)
-    assert asked < 0.015 * 640 * 400
+    lattice_map(count_projections, (640, 400), sensor.image_size)
+    assert count < 0.015 * 640 * 400
 
 
 def test_field_smaller_than_cell():

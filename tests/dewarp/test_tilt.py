@@ -21,21 +21,21 @@ from tests.io.test_panorama import xmp_of
 PITCH, ROLL = 24.0, -7.0
 
 
-def lean(pitch_deg: float, roll_deg: float) -> np.ndarray:
+def levelling(pitch_deg: float, roll_deg: float) -> np.ndarray:
     """Return the rotation from the sensor frame (forward, left, up) to the levelled one, written
     out: about forward, which lowers the right side, then about left, which raises forward."""
     (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in np.radians([pitch_deg, roll_deg]))
-    rises = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    pitch_rotation = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
     right_sinks = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    return rises @ right_sinks
+    return pitch_rotation @ right_sinks
 
 
 # -- the convention --------------------------------------------------------------------------------
 
 
 def test_tilt_signs():
-    assert (lean(10, 0) @ [1, 0, 0])[2] == pytest.approx(np.sin(np.radians(10)))
-    assert (lean(0, 10) @ [0, -1, 0])[2] == pytest.approx(-np.sin(np.radians(10)))
+    assert (levelling(10, 0) @ [1, 0, 0])[2] == pytest.approx(np.sin(np.radians(10)))
+    assert (levelling(0, 10) @ [0, -1, 0])[2] == pytest.approx(-np.sin(np.radians(10)))
 
 
 @pytest.mark.parametrize("looks", ["up", "down", "forward"])
@@ -43,14 +43,14 @@ def test_tilt_signs():
 def test_mount_tilt_order(looks, angles):
     mount = Mount(looks, 33.0, pitch_deg=angles[0], roll_deg=angles[1])
     np.testing.assert_allclose(
-        mount.rotation(), lean(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15
+        mount.rotation(), levelling(*angles) @ Mount(looks, 33.0).rotation(), atol=1e-15
     )
     assert mount.levelled == Mount(looks, 33.0)
 
 
 @pytest.mark.parametrize("looks", ["up", "down"])
 def test_tilted_projection_matches_shortest_path(looks):
-    axes = [lean(PITCH, ROLL) @ axis for axis in IMAGE_RIGHT_IS_FORWARD[looks]]
+    axes = [levelling(PITCH, ROLL) @ axis for axis in IMAGE_RIGHT_IS_FORWARD[looks]]
     sensor = replace(
         om.load_sensor("paper-spherical"), mount=Mount(looks, 0.0, pitch_deg=PITCH, roll_deg=ROLL)
     )
@@ -60,13 +60,13 @@ def test_tilted_projection_matches_shortest_path(looks):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"pitch_deg": 91.0}, {"roll_deg": -181.0}, {"pitch_deg": np.nan}]
+    "angles", [{"pitch_deg": 91.0}, {"roll_deg": -181.0}, {"pitch_deg": np.nan}]
 )
-def test_invalid_tilt_raises(wrong):
+def test_invalid_tilt_raises(angles):
     with pytest.raises(
         InvalidParameter, match=r"must be between -|pitch_deg must be a number; got nan"
     ):
-        Mount(**wrong)
+        Mount(**angles)
 
 
 # -- views -----------------------------------------------------------------------------------------
@@ -112,21 +112,21 @@ VIEWS = {
 def test_tilted_view_matches_rotated_scene(camera, view):
     """Both paths of a dewarper, with and without a map, against the projection of single points."""
     upright, screen = CAMERAS[camera], VIEWS[view]
-    leaning = replace(upright, mount=replace(upright.mount, pitch_deg=PITCH, roll_deg=ROLL))
-    found = om.Dewarper(leaning, screen).coordinates()
+    tilted = replace(upright, mount=replace(upright.mount, pitch_deg=PITCH, roll_deg=ROLL))
+    coordinates = om.Dewarper(tilted, screen).coordinates()
     for left, top, part in parts_of(screen):
         width, height = part.size
         targets = part.targets_at(
             np.arange(width, dtype=float), np.arange(height, dtype=float)[:, None]
         )
-        turned = targets.reshape(-1, 3) @ lean(PITCH, ROLL)
+        directions = targets.reshape(-1, 3) @ levelling(PITCH, ROLL)
         project = upright.project_directions if part.is_distant else upright.project
-        wanted = project(turned).pixels.reshape(height, width, 2)
-        given = found[top : top + height, left : left + width]
-        differ = np.isnan(given[..., 0]) != np.isnan(wanted[..., 0])
-        assert differ.sum() <= 2, f"{differ.sum()} pixels are seen by one only"
-        error = np.linalg.norm(given - wanted, axis=-1)[
-            ~np.isnan(given[..., 0]) & ~np.isnan(wanted[..., 0])
+        expected = project(directions).pixels.reshape(height, width, 2)
+        region = coordinates[top : top + height, left : left + width]
+        differs = np.isnan(region[..., 0]) != np.isnan(expected[..., 0])
+        assert differs.sum() <= 2, f"{differs.sum()} pixels are seen by one only"
+        error = np.linalg.norm(region - expected, axis=-1)[
+            ~np.isnan(region[..., 0]) & ~np.isnan(expected[..., 0])
         ]
         assert error.max(initial=0) < 0.01
 
@@ -134,11 +134,11 @@ def test_tilted_view_matches_rotated_scene(camera, view):
 def test_tilted_camera_is_not_separable():
     """Rows of a level panorama are circles for an upright camera only."""
     camera, view = CAMERAS["sphere"], VIEWS["panorama"]
-    leaning = replace(camera, mount=replace(camera.mount, roll_deg=0.01))
+    tilted = replace(camera, mount=replace(camera.mount, roll_deg=0.01))
     assert is_separable(camera, view)
-    assert not is_separable(leaning, view)
+    assert not is_separable(tilted, view)
     image = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
-    first, second = om.Dewarper(leaning, view, "linear"), om.Dewarper(leaning, view, "linear")
+    first, second = om.Dewarper(tilted, view, "linear"), om.Dewarper(tilted, view, "linear")
     second.coordinates()
     assert np.abs(first(image).astype(int) - second(image)).max() <= 2
 
@@ -147,8 +147,8 @@ def test_elevations_refer_to_horizon():
     """A field from -90 to 45 deg: forward is raised by 20, giving 65 deg ahead, and the nadir is
     still included."""
     sensor = om.load_sensor("paper-spherical")
-    seen = om.views.panorama(replace(sensor, mount=replace(sensor.mount, pitch_deg=20.0)))
-    assert (seen.tilt_min_deg, seen.tilt_max_deg) == pytest.approx((-90.0, 65.0), abs=0.05)
+    view = om.views.panorama(replace(sensor, mount=replace(sensor.mount, pitch_deg=20.0)))
+    assert (view.tilt_min_deg, view.tilt_max_deg) == pytest.approx((-90.0, 65.0), abs=0.05)
 
 
 # -- images ----------------------------------------------------------------------------------------
@@ -166,17 +166,17 @@ def world() -> om.Environment:
     return om.Environment(np.repeat(waves[..., None], 3, axis=2).astype(np.float32))
 
 
-def leaning_of(sensor: om.Sensor) -> om.Sensor:
+def tilted_copy(sensor: om.Sensor) -> om.Sensor:
     return replace(sensor, mount=replace(sensor.mount, pitch_deg=PITCH, roll_deg=ROLL))
 
 
 def test_tilted_sensor_matches_posed_sensor(small, world):
-    taken = om.render_image(leaning_of(small), world, samples=1)
+    image = om.render_image(tilted_copy(small), world, samples=1)
     placed = om.render_image(
         small, PosedScene(world, Pose(tilt_deg=PITCH, roll_deg=ROLL)), samples=1
     )
-    assert np.abs(taken.astype(int) - placed).max() <= 1
-    assert (np.abs(taken.astype(int) - om.render_image(small, world, samples=1)) > 20).mean() > 0.2
+    assert np.abs(image.astype(int) - placed).max() <= 1
+    assert (np.abs(image.astype(int) - om.render_image(small, world, samples=1)) > 20).mean() > 0.2
 
 
 def test_tilted_sensor_image_is_levelled(small, world):
@@ -184,11 +184,11 @@ def test_tilted_sensor_image_is_levelled(small, world):
     differs."""
     view = om.screens.Cylinder((240, 70), -50.0, 20.0)
     plumb = om.Dewarper(small, view)(om.render_image(small, world, samples=4)).astype(float)
-    taken = om.render_image(leaning_of(small), world, samples=4)
-    both = om.Dewarper(leaning_of(small), view).valid & om.Dewarper(small, view).valid
-    assert both.mean() > 0.8
-    assert np.abs(om.Dewarper(leaning_of(small), view)(taken) - plumb)[both].mean() < 1.0
-    assert np.abs(om.Dewarper(small, view)(taken) - plumb)[both].mean() > 10
+    image = om.render_image(tilted_copy(small), world, samples=4)
+    valid = om.Dewarper(tilted_copy(small), view).valid & om.Dewarper(small, view).valid
+    assert valid.mean() > 0.8
+    assert np.abs(om.Dewarper(tilted_copy(small), view)(image) - plumb)[valid].mean() < 1.0
+    assert np.abs(om.Dewarper(small, view)(image) - plumb)[valid].mean() > 10
 
 
 # -- panorama metadata -----------------------------------------------------------------------------
@@ -203,10 +203,10 @@ def test_gpano_pose_levels_panorama(pan, angles):
     panned = (
         om.screens.Equirectangular((36, 18), pan_deg=pan).targets(0, 18).reshape(-1, 3)
     )  # directions of its tilted pixels
-    as_if_ahead = (
+    forward_directions = (
         om.screens.Equirectangular((36, 18)).targets(0, 18).reshape(-1, 3)
     )  # ... relative to its centre
-    truth, stored = panned @ lean(*angles).T, as_if_ahead @ lean(pitch, roll).T
+    truth, stored = panned @ levelling(*angles).T, forward_directions @ levelling(pitch, roll).T
     np.testing.assert_allclose(
         stored[:, 2], truth[:, 2], atol=1e-12
     )  # level; the heading requires a compass
@@ -216,7 +216,7 @@ def test_gpano_pose_levels_panorama(pan, angles):
 @pytest.fixture
 def folder(tmp_path, monkeypatch, small):
     monkeypatch.chdir(tmp_path)
-    om.save_sensor(leaning_of(small), "leaning.toml")
+    om.save_sensor(tilted_copy(small), "leaning.toml")
     om.save_sensor(small, "plumb.toml")
     om.write_image("a.png", np.random.default_rng(2).integers(0, 256, (200, 200, 3), np.uint8))
     return tmp_path
@@ -259,8 +259,8 @@ def test_mirror_ball_and_omega_range_are_levelled(folder):
     ball = ("--ball", "99.5,99.5,98,260", "--elevation-deg=-60:40", "--size", "120x")
     assert (dewarp(*ball, "--set=camera.level=10,5") != dewarp(*ball)).mean() > 0.3
     upright = dewarp("--sensor", "plumb.toml", "--set", "view.omega_deg=30:130", "--size", "120x")
-    leaning = dewarp("--sensor", "leaning.toml", "--set", "view.omega_deg=30:130", "--size", "120x")
-    assert upright.shape == leaning.shape  # the same elevations
+    tilted = dewarp("--sensor", "leaning.toml", "--set", "view.omega_deg=30:130", "--size", "120x")
+    assert upright.shape == tilted.shape  # the same elevations
 
 
 def test_invalid_tilt_on_command_line(folder, capsys):
@@ -285,7 +285,7 @@ def test_invalid_tilt_on_command_line(folder, capsys):
 
 
 def test_tilt_in_sensor_file():
-    sensor = leaning_of(om.load_sensor("paper-spherical"))
+    sensor = tilted_copy(om.load_sensor("paper-spherical"))
     assert parse_sensor(format_sensor(sensor)) == sensor
     assert "pitch_deg" not in format_sensor(replace(sensor, mount=sensor.mount.levelled))
     with pytest.raises(OmnimirrorError, match=r"mount\.pitch_deg must be"):

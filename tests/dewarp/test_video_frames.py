@@ -20,7 +20,7 @@ DOME = om.views.dome(BALL, (130, 130))  # with corners outside the field
 LIMITED, FULL = 1, 2
 FORMATS = ["yuv420p", "nv12", "yuvj420p", "yuvj422p", "yuv422p", "yuv444p", "yuv420p10le", "rgb24"]
 FORMATS += ["yuv422p10le", "yuva444p12le", "gbrp10le", "yuv411p"]
-KEPT = {
+OUTPUT_FORMATS = {
     "yuvj420p": "yuv420p",
     "yuvj422p": "yuv422p",
     "rgb24": "yuv444p",
@@ -38,9 +38,9 @@ def image():
 def frame_of(pixel_format, colour_range):
     frame = frame_of_image(image())
     frame.colorspace, frame.color_range = 1, colour_range
-    made = converted(frame, pixel_format)
-    made.pts, made.time_base = 77, Fraction(1, 25)
-    return made
+    output = converted(frame, pixel_format)
+    output.pts, output.time_base = 77, Fraction(1, 25)
+    return output
 
 
 @pytest.mark.parametrize("colour_range", [LIMITED, FULL])
@@ -49,14 +49,14 @@ def test_frame_formats_match_image(pixel_format, colour_range):
     if pixel_format.startswith("yuvj") and colour_range == LIMITED:
         pytest.skip(f"{pixel_format} is full range by its name")
     frame = frame_of(pixel_format, colour_range)
-    made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
-    assert made.format.name == KEPT.get(pixel_format, pixel_format)
-    assert (made.width, made.height) == VIEW.size
+    output = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
+    assert output.format.name == OUTPUT_FORMATS.get(pixel_format, pixel_format)
+    assert (output.width, output.height) == VIEW.size
     expected = om.Dewarper(BALL, VIEW)(image()).astype(float)
-    taken = made.to_ndarray(format="rgb24")
-    assert np.abs(taken - expected).mean() < 2.5  # two conversions of FFmpeg alone differ by 2
-    assert np.abs(taken - expected).max() < 12
-    assert np.abs(taken[:, ::-1] - expected).mean() > 8
+    rgb = output.to_ndarray(format="rgb24")
+    assert np.abs(rgb - expected).mean() < 2.5  # two conversions of FFmpeg alone differ by 2
+    assert np.abs(rgb - expected).max() < 12
+    assert np.abs(rgb[:, ::-1] - expected).mean() > 8
 
 
 @pytest.mark.parametrize(
@@ -74,31 +74,31 @@ def test_frame_is_black_outside_field(pixel_format, colour_range, luma):
     for plane in planes(frame):
         plane[:] = 90
     frame.color_range = colour_range
-    made = dewarp_frame(om.Dewarper(BALL, DOME), frame)
-    y, *colours = planes(made)
+    output = dewarp_frame(om.Dewarper(BALL, DOME), frame)
+    y, *colours = planes(output)
     assert y[0, 0] == luma
     assert y[65, 65] == 90
     assert all((part[0, 0] == 128).all() and (part[32, 32] == 90).all() for part in colours)
-    assert (made.color_range == FULL) == (luma == 0)
-    assert made.to_ndarray(format="rgb24")[0, 0].max() <= 1
+    assert (output.color_range == FULL) == (luma == 0)
+    assert output.to_ndarray(format="rgb24")[0, 0].max() <= 1
 
 
 def test_frame_time_and_colour_coding_are_preserved():
     frame = frame_of("yuv420p", LIMITED)
     frame.pts = 4711
-    made = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
-    assert (made.pts, made.time_base) == (frame.pts, frame.time_base)
-    assert (made.colorspace, made.color_range) == (frame.colorspace, frame.color_range)
+    output = dewarp_frame(om.Dewarper(BALL, VIEW), frame)
+    assert (output.pts, output.time_base) == (frame.pts, frame.time_base)
+    assert (output.colorspace, output.color_range) == (frame.colorspace, frame.color_range)
 
 
 def test_moving_and_fixed_views_match():
     frame = frame_of("yuv420p", LIMITED)
-    stays = om.Dewarper(BALL, VIEW)
-    shown = [dewarp_frame(stays, frame) for _ in range(3)] + [
+    fixed = om.Dewarper(BALL, VIEW)
+    outputs = [dewarp_frame(fixed, frame) for _ in range(3)] + [
         dewarp_frame(om.Dewarper(BALL, VIEW), frame)
     ]
-    for made in shown[1:]:
-        for one, other in zip(planes(made), planes(shown[0]), strict=True):
+    for output in outputs[1:]:
+        for one, other in zip(planes(output), planes(outputs[0]), strict=True):
             assert np.abs(one.astype(int) - other).max() <= 1
 
 
@@ -111,9 +111,9 @@ def test_chroma_siting():
     """Correctness of these positions is tested for single planes."""
     frame = frame_of("yuvj420p", FULL)
     for sitings in (("left",), ("center",), ("center", "left")):
-        made = dewarp_frame(om.Dewarper(BALL, VIEW), frame, *sitings)
+        output = dewarp_frame(om.Dewarper(BALL, VIEW), frame, *sitings)
         expected = om.Dewarper(BALL, VIEW).planes(planes(frame), None, *sitings, full_range=True)
-        for one, other in zip(planes(made), expected, strict=True):
+        for one, other in zip(planes(output), expected, strict=True):
             np.testing.assert_array_equal(one, other)
 
 
@@ -154,5 +154,5 @@ def test_chroma_and_alpha_align_with_luma(colours, to_siting):
 
 
 def test_colour_border_is_opaque():
-    made = dewarp_frame(om.Dewarper(BALL, DOME, border=(500, 600, 700)), edge("444"))
-    assert [int(plane[0, 0]) for plane in planes(made)] == [500, 600, 700, 4095]
+    output = dewarp_frame(om.Dewarper(BALL, DOME, border=(500, 600, 700)), edge("444"))
+    assert [int(plane[0, 0]) for plane in planes(output)] == [500, 600, 700, 4095]

@@ -41,8 +41,10 @@ class Around:
 
 def error_px(screen, viewpoint):
     """Return the signed error (1001,) of a screen around, in pixels of the paper."""
-    found = om.Dewarper(screen.sensor, screen, viewpoint=viewpoint).coordinates(exact=True)[:, 0]
-    return (screen.pixels(np.arange(1001.0)) - found)[:, 1] * RIM_500
+    coordinates = om.Dewarper(screen.sensor, screen, viewpoint=viewpoint).coordinates(exact=True)[
+        :, 0
+    ]
+    return (screen.pixels(np.arange(1001.0)) - coordinates)[:, 1] * RIM_500
 
 
 @pytest.mark.parametrize(
@@ -194,18 +196,18 @@ def floor_corners():
 def test_ground_plan_scale():
     """Corners detected in the dewarped image have their true positions, unlike with a single
     viewpoint."""
-    picture = om.render_image(SPHERE, om.Room(), samples=9)
+    image = om.render_image(SPHERE, om.Room(), samples=9)
     view = om.screens.Ground((1000, 1000), HEIGHT_MM, mm_per_px=4.0)
     corners = floor_corners()
     expected = np.stack([499.5 - corners[:, 1] / 4, 499.5 - corners[:, 0] / 4], axis=-1)
     paper = om.best_viewpoint(SPHERE, 40 * M).z_mm
     miss = {}
     for viewpoint in ("exact", "single", paper):
-        plan = om.Dewarper(SPHERE, view, "cubic", viewpoint)(picture).mean(axis=2).astype(np.uint8)
+        plan = om.Dewarper(SPHERE, view, "cubic", viewpoint)(image).mean(axis=2).astype(np.uint8)
         stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
-        places = expected.astype(np.float32)[:, None].copy()
-        found = cv2.cornerSubPix(plan, places, (9, 9), (-1, -1), stop)[:, 0]
-        miss[viewpoint] = np.linalg.norm(found - expected, axis=1)
+        guesses = expected.astype(np.float32)[:, None].copy()
+        detected = cv2.cornerSubPix(plan, guesses, (9, 9), (-1, -1), stop)[:, 0]
+        miss[viewpoint] = np.linalg.norm(detected - expected, axis=1)
     assert len(corners) == 19
     assert np.median(miss["exact"]) < 0.15
     assert miss["exact"].max() < 0.5  # of 4 mm, with 17 mm per image pixel

@@ -29,20 +29,20 @@ FISHEYE = om.OCam(
     ("looks", "field"), [("up", (-90, 40)), ("down", (-40, 90)), ("forward", (-90, 90))]
 )
 def test_mirror_ball_elevations(looks, field):
-    seen = field_of(replace(BALL, mount=Mount(looks)))
-    np.testing.assert_allclose((seen.tilt_min_deg, seen.tilt_max_deg), field, atol=1e-9)
+    limits = field_of(replace(BALL, mount=Mount(looks)))
+    np.testing.assert_allclose((limits.tilt_min_deg, limits.tilt_max_deg), field, atol=1e-9)
 
 
 def test_level_fisheye_elevations():
     """The highest visible pixels are at the corners or the centre of the upper edge; both are
     computed here."""
-    seen = field_of(replace(FISHEYE, mount=Mount("forward")))
+    limits = field_of(replace(FISHEYE, mount=Mount("forward")))
     du = np.linspace(-320, 320, 641)
     rho = np.hypot(du, 240.0)
     forward = 250 - 4e-4 * rho**2
     highest = np.degrees(np.arctan2(240.0, np.hypot(du, forward))).max()
-    assert seen.tilt_max_deg == pytest.approx(highest, abs=0.02)
-    assert seen.tilt_min_deg == pytest.approx(-highest, abs=0.02)
+    assert limits.tilt_max_deg == pytest.approx(highest, abs=0.02)
+    assert limits.tilt_min_deg == pytest.approx(-highest, abs=0.02)
 
 
 def test_field_of_stretched_camera_is_sampled():
@@ -70,13 +70,13 @@ class Unsymmetric:
 @pytest.mark.parametrize("looks", ["up", "down"])
 def test_field_within_image_matches_sampled_rays(kind, looks):
     sensor = replace(sensor_of(kind), mount=Mount(looks))
-    counted, traced = field_of(sensor), field_of(Unsymmetric(sensor))
-    assert counted.pixels_per_degree == traced.pixels_per_degree
-    assert counted.tilt_min_deg == pytest.approx(
+    exact, traced = field_of(sensor), field_of(Unsymmetric(sensor))
+    assert exact.pixels_per_degree == traced.pixels_per_degree
+    assert exact.tilt_min_deg == pytest.approx(
         traced.tilt_min_deg, abs=1.5
     )  # to the distance of its samples
-    assert counted.tilt_max_deg == pytest.approx(traced.tilt_max_deg, abs=1.5)
-    assert (counted.pole, traced.pole) == (pole_of(sensor), pole_of(Unsymmetric(sensor)))
+    assert exact.tilt_max_deg == pytest.approx(traced.tilt_max_deg, abs=1.5)
+    assert (exact.pole, traced.pole) == (pole_of(sensor), pole_of(Unsymmetric(sensor)))
 
 
 def test_resolution_is_mean():
@@ -159,18 +159,18 @@ def test_default_view_sizes():
 
 def test_mosaic_is_panorama_over_quarter_views():
     mosaic = views.mosaic(SPHERE, (1600, None), pan_deg=10.0, tilt_deg=-15.0, distance_mm=900.0)
-    over, *under = mosaic.parts
-    assert mosaic.size == (1600, over.view.size[1] + 300)
-    assert isinstance(over.view, om.screens.Cylinder)
-    for part in under:
+    panorama, *quarters = mosaic.parts
+    assert mosaic.size == (1600, panorama.view.size[1] + 300)
+    assert isinstance(panorama.view, om.screens.Cylinder)
+    for part in quarters:
         assert (part.view.size, part.view.tilt_deg, part.view.distance_mm) == (
             (400, 300),
             -15.0,
             900.0,
         )
-        middle = over.view.pans()[part.left + 199 : part.left + 201].mean()
+        middle = panorama.view.pans()[part.left + 199 : part.left + 201].mean()
         assert np.cos(middle - np.radians(part.view.pan_deg)) == pytest.approx(1)
-    assert [part.view.pan_deg for part in under] == [-80, 10, 100, 190]
+    assert [part.view.pan_deg for part in quarters] == [-80, 10, 100, 190]
     with pytest.raises(InvalidParameter, match=r"height of a mosaic must be None, .*; got 90 px"):
         views.mosaic(SPHERE, (None, 90))
 
@@ -215,10 +215,10 @@ def test_view_resolution_matches_image(factor):
 
 
 def test_resolution_is_measured_inside_field():
-    half_seen = om.screens.Plane(
+    half_visible = om.screens.Plane(
         (101, 201), tilt_deg=60.0, hfov_deg=60.0
     )  # the field ends at 40 deg
-    assert 0 < views.resolution(BALL, half_seen) < 20
+    assert 0 < views.resolution(BALL, half_visible) < 20
     assert np.isnan(
         views.resolution(BALL, om.screens.Plane((101, 101), tilt_deg=90.0, hfov_deg=30.0))
     )
@@ -227,9 +227,9 @@ def test_resolution_is_measured_inside_field():
 
 def test_max_zoom():
     view = om.screens.Plane((640, 480), hfov_deg=90.0)
-    most = views.max_zoom(SPHERE, view)
-    assert most > 1
-    assert 1 / views.resolution(SPHERE, view.zoomed(most)) == pytest.approx(
+    zoom = views.max_zoom(SPHERE, view)
+    assert zoom > 1
+    assert 1 / views.resolution(SPHERE, view.zoomed(zoom)) == pytest.approx(
         views.MAX_MAGNIFICATION, rel=1e-3
     )
     assert views.max_zoom(SPHERE, view.zoomed(50.0)) == 1.0

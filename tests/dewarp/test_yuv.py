@@ -87,14 +87,14 @@ def test_halved_sample_at_mosaic_boundary():
     extended."""
     u, v = np.meshgrid([0.0, 40.0, 44.0, 48.0], [0.0, 10.0, 30.0])
     labels = np.array([[1, 2, 2, 2]] * 3, np.int32)
-    found = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), labels)
+    halved = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), labels)
     np.testing.assert_allclose(
-        found, [[[0.0, 0.0], [23.0, 2.5]], [[0.0, 15.0], [23.0, 20.0]]], atol=1e-12
+        halved, [[[0.0, 0.0], [23.0, 2.5]], [[0.0, 15.0], [23.0, 20.0]]], atol=1e-12
     )
     rows = np.array([[1] * 4, [2] * 4, [2] * 4], np.int32)
-    found = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), rows)
+    halved = halved_pixels(np.stack([u, v], axis=-1), (0.0, 0.0), (0.5, 0.5), (100, 100), rows)
     np.testing.assert_allclose(
-        found, [[[0.0, 0.0], [22.0, 0.0]], [[10.0, 20.0], [23.0, 20.0]]], atol=1e-12
+        halved, [[[0.0, 0.0], [22.0, 0.0]], [[10.0, 20.0], [23.0, 20.0]]], atol=1e-12
     )
 
 
@@ -135,11 +135,11 @@ def test_chroma_matches_exact_projection(camera, name, siting, to_siting):
             inner = ((at > 2) & (at < last - 1)).all(axis=-1)
             assert inner.mean() > 0.25
             for plane, expected in ((u, 256 + 64 * at[..., 0]), (v, 256 + 32 * at.sum(axis=-1))):
-                off = np.abs(plane[np.ix_(rows, columns)] - expected)[inner]
+                error = np.abs(plane[np.ix_(rows, columns)] - expected)[inner]
                 bend = (
                     np.nanmax(np.abs(np.diff(at, 2, axis=1))) / 8
                 )  # error of linear interpolation
-                assert off.max() < 1.5 + 64 * (0.02 + bend)
+                assert error.max() < 1.5 + 64 * (0.02 + bend)
         np.testing.assert_array_equal(luma, other(planes[0]))
 
 
@@ -162,11 +162,11 @@ def test_chroma_inside_and_outside_field(camera, name, siting):
         quads = np.pad(valid, ((0, rows % 2), (0, columns % 2)), "edge").reshape(
             *u.shape[:1], 2, u.shape[1], 2
         )
-        seen = quads.sum(axis=(1, 3))
-        assert (u[seen == 4] == 90).all()
-        assert (v[seen == 4] == 170).all()
-        assert (u[seen == 0] == 128).all()
-        assert (v[seen == 0] == 128).all()
+        visible_count = quads.sum(axis=(1, 3))
+        assert (u[visible_count == 4] == 90).all()
+        assert (v[visible_count == 4] == 170).all()
+        assert (u[visible_count == 0] == 128).all()
+        assert (v[visible_count == 0] == 128).all()
         assert np.isin(u, (90, 128)).all()
         assert ((u == 90) == (v == 170)).all()
 
@@ -234,10 +234,10 @@ def test_planes_match_opencv(name, uncompiled):
         for s in ((400, 401), (200, 201), (200, 201))
     ]
     y, u, v = smooth
-    taken = [*dewarp.planes((y, u, v)), *dewarp.planes((y, np.dstack([u, v])))]
+    outputs = [*dewarp.planes((y, u, v)), *dewarp.planes((y, np.dstack([u, v])))]
     uncompiled()
     for one, other in zip(
-        taken, [*dewarp.planes((y, u, v)), *dewarp.planes((y, np.dstack([u, v])))], strict=True
+        outputs, [*dewarp.planes((y, u, v)), *dewarp.planes((y, np.dstack([u, v])))], strict=True
     ):
         assert np.abs(one.astype(int) - other).max() <= 1
 
@@ -325,11 +325,11 @@ def test_uniform_maps_are_exact(data):
 
     site, to_site = (np.array(SITINGS[siting]) for siting in sitings)
     offsets = (SITINGS[siting] for siting in sitings)
-    found = halved_pixels(luma(np.arange(width), np.arange(height)), *offsets, size)
+    halved = halved_pixels(luma(np.arange(width), np.arange(height)), *offsets, size)
     columns, rows = (
         2 * np.arange((n + 1) // 2) + s for n, s in zip((width, height), to_site, strict=True)
     )
-    np.testing.assert_allclose(found, (luma(columns, rows) - site) / 2, atol=1e-9)
+    np.testing.assert_allclose(halved, (luma(columns, rows) - site) / 2, atol=1e-9)
 
 
 # -- comparison with dewarping in RGB --------------------------------------------------------------
@@ -345,10 +345,10 @@ def yuv_of(rgb, full_range=False):
     return rgb.astype(float) / 255 @ TO_YUV.T * scale + [0 if full_range else 16, 128, 128]
 
 
-def coded(picture, full_range=False):
+def coded_planes(image, full_range=False):
     """Return (y, u, v) in 4:2:0 with centred chroma, and the image that it represents."""
-    yuv = yuv_of(picture, full_range)
-    height, width = picture.shape[:2]
+    yuv = yuv_of(image, full_range)
+    height, width = image.shape[:2]
     u, v = (
         np.rint(yuv[..., k].reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3)))
         for k in (1, 2)
@@ -363,8 +363,8 @@ def coded(picture, full_range=False):
     return tuple(plane.astype(np.uint8) for plane in (y, u, v)), rgb.astype(np.float32)
 
 
-def error_db(taken, expected, where):
-    return 10 * np.log10(255**2 / np.mean((taken.astype(float) - expected)[where] ** 2))
+def error_db(values, expected, valid):
+    return 10 * np.log10(255**2 / np.mean((values.astype(float) - expected)[valid] ** 2))
 
 
 @pytest.mark.parametrize("full_range", few([False, True], False), ids=["limited", "full"])
@@ -372,14 +372,14 @@ def error_db(taken, expected, where):
 def test_chroma_subsamplings_match(scene, full_range, request):
     """Luma to rounding; chroma to the difference of two methods of subsampling."""
     if scene == "photograph":
-        picture = om.read_image(request.getfixturevalue("shared_data") / "mirrorball" / "store.jpg")
-        picture = cv2.resize(picture, (1000, 1000), interpolation=cv2.INTER_AREA)
+        image = om.read_image(request.getfixturevalue("shared_data") / "mirrorball" / "store.jpg")
+        image = cv2.resize(image, (1000, 1000), interpolation=cv2.INTER_AREA)
         camera = om.MirrorBall(
             centre_px=(499.5, 499.5), rim_radius_px=480.0, field_deg=270.0, image_size=(1000, 1000)
         )
     else:
-        picture, camera = om.render_image(SENSOR, om.Room(), samples=2), SENSOR
-    planes, whole = coded(picture, full_range)
+        image, camera = om.render_image(SENSOR, om.Room(), samples=2), SENSOR
+    planes, whole = coded_planes(image, full_range)
     for screen in (
         om.screens.Cylinder((1440, 360), -70.0, 30.0),
         om.screens.Plane((640, 480), pan_deg=20.0, tilt_deg=-25.0),

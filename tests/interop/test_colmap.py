@@ -108,28 +108,29 @@ def test_masks_exclude_the_rim_and_the_camera_body(project):
 def test_transforms_project_scene_points_within_the_reported_error(project, distance):
     frames = json.loads((project.folder / "transforms.json").read_text())["frames"]
     assert len(frames) == 10
-    checked = 0
+    count = 0
     for frame, (pose, view) in zip(
         frames, [(p, v) for p in POSES for v in project.rig], strict=True
     ):
         pose_matrix, rng = np.array(frame["transform_matrix"]), np.random.default_rng(3)
-        ahead = (
+        points = (
             np.concatenate([rng.uniform(-0.8, 0.8, (60, 2)), np.full((60, 1), -1.0)], axis=1)
             * distance
             / 1000
         )
-        scene = (pose_matrix[:3, :3] @ ahead.T).T + pose_matrix[:3, 3]
-        by_file = (
-            np.array([frame["fl_x"] * ahead[:, 0], -frame["fl_y"] * ahead[:, 1]]).T / -ahead[:, 2:]
+        scene = (pose_matrix[:3, :3] @ points.T).T + pose_matrix[:3, 3]
+        file_pixels = (
+            np.array([frame["fl_x"] * points[:, 0], -frame["fl_y"] * points[:, 1]]).T
+            / -points[:, 2:]
         )
-        by_file += [frame["cx"] - 0.5, frame["cy"] - 0.5]
+        file_pixels += [frame["cx"] - 0.5, frame["cy"] - 0.5]
         pixels, valid = SPH.project(pose.to_sensor(1000 * scene))
         rays = SPH.backproject(pixels[valid])  # pixel of the view for the direction of this ray
         heading = rays.directions @ view.rotation
         dewarped = view.parameters[0] * heading[:, :2] / heading[:, 2:] + (frame["w"] - 1) / 2
-        assert np.abs(dewarped - by_file[valid]).max() <= view.errors_px[distance] * 1.05
-        checked += int(valid.sum())
-    assert checked > 300
+        assert np.abs(dewarped - file_pixels[valid]).max() <= view.errors_px[distance] * 1.05
+        count += int(valid.sum())
+    assert count > 300
 
 
 def test_panorama_is_one_camera_with_error_inverse_to_distance(images, tmp_path):

@@ -105,7 +105,7 @@ def finite(value: Any) -> Any:
     return 1e300 if value == float("inf") else value
 
 
-def changed(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+def with_entry(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     """Return a copy with one entry changed, or removed if the value is None."""
     result: Any = copy.deepcopy(data)
     *tables, name = path.split(".")
@@ -153,8 +153,8 @@ def test_sensors_with_all_kinds_of_mirrors_conform(kind):
 def test_camera_files_conform(name):
     data = tomllib.loads(format_camera(MODELS[name]))
     assert problems("camera", data) == []
-    assert problems("camera", changed(data, "camera.radius", 1.0))
-    assert problems("camera", changed(data, "camera.image_size", [640]))
+    assert problems("camera", with_entry(data, "camera.radius", 1.0))
+    assert problems("camera", with_entry(data, "camera.image_size", [640]))
 
 
 def test_documented_batch_jobs_conform():
@@ -185,13 +185,13 @@ def test_a_file_replaces_the_columns_of_a_mirror(table):
     data = tables_of(om.load_sensor("paper-spherical")) | {"mirror": table}
     assert problems("sensor", data) == []
     columns = [name for name in ("profile_csv", "x_mm") if name in table]
-    assert problems("sensor", changed(data, f"mirror.{columns[0]}", None))
+    assert problems("sensor", with_entry(data, f"mirror.{columns[0]}", None))
 
 
 def test_a_file_replaces_the_surfaces_of_a_lens():
     data = tables_of(om.load_sensor("paper-spherical")) | {"lens": {"kind": "surfaces"}}
     assert problems("sensor", data)
-    assert problems("sensor", changed(data, "lens.file", "lens.zmx")) == []
+    assert problems("sensor", with_entry(data, "lens.file", "lens.zmx")) == []
 
 
 INVALID_SENSORS = {
@@ -315,7 +315,7 @@ def test_valid_files_conform(kind, tmp_path):
     ("kind", "path"), [(kind, path) for kind, entries in INVALID.items() for path in entries]
 )
 def test_readers_and_schemas_reject_the_same_entries(kind, path, tmp_path):
-    data = changed(valid_files()[kind], path, INVALID[kind][path])
+    data = with_entry(valid_files()[kind], path, INVALID[kind][path])
     assert problems(kind, data)
     with pytest.raises((SpecError, om.OmnimirrorError)):
         _read(kind, data, tmp_path)

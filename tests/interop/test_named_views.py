@@ -42,7 +42,7 @@ offset_mm = [100, 0, 0]
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         ("", r"views\.toml must contain 1 to 64 views; got 0"),
         ("front = 3", r"views\.toml: the view front must be a table \[front\]; got 3"),
@@ -63,8 +63,8 @@ offset_mm = [100, 0, 0]
         ),
     ],
 )
-def test_invalid_files_raise_with_name_and_condition(tmp_path, text, sentence):
-    with pytest.raises(SpecError, match=sentence):
+def test_invalid_files_raise_with_name_and_condition(tmp_path, text, message):
+    with pytest.raises(SpecError, match=message):
         load(tmp_path, text)
 
 
@@ -84,9 +84,9 @@ FILE = "[front]\nhfov_deg = 60\nsize = [320, 240]\n[around]\nview = 'panorama'\n
 def test_changes_replace_and_remove_entries_of_the_file(tmp_path):
     (tmp_path / "views.toml").write_text(FILE)
     changes = {"front": {"pan_deg": 40, "size": None}, "around": {"elevation_deg": [-30, 10]}}
-    found = om.load_views(tmp_path / "views.toml", changes)
-    assert found["front"].options == {"hfov_deg": 60, "pan_deg": 40}
-    assert found["around"].options == {"elevation_deg": (-30, 10)}
+    views = om.load_views(tmp_path / "views.toml", changes)
+    assert views["front"].options == {"hfov_deg": 60, "pan_deg": 40}
+    assert views["around"].options == {"elevation_deg": (-30, 10)}
 
 
 @pytest.mark.parametrize(

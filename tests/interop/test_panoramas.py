@@ -10,7 +10,7 @@ from omnimirror.interop.pinholes import camera_rig
 from omnimirror.simulation.rendering import expose
 from tests.interop.ray_tables.box import Box, colours, first_hits
 from tests.interop.view_maps.consumers import warped
-from tests.simulation.test_mitsuba_images import MISALIGNED, compared, small
+from tests.simulation.test_mitsuba_images import MISALIGNED, compare_images, small
 
 WIDTH = 1024
 
@@ -23,10 +23,10 @@ def test_warped_panorama_equals_the_image_of_the_sensor(tmp_path):
     view = om.views.sphere(sensor, (WIDTH, None))
     (virtual_camera,) = camera_rig(sensor, size=WIDTH, panorama=True)
     columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in view.size))
-    rendered = colours(first_hits(virtual_camera.position_mm, view.targets_at(columns, rows)))
+    panorama = colours(first_hits(virtual_camera.position_mm, view.targets_at(columns, rows)))
     (exported,) = om.write_maps(sensor, view, tmp_path / "room.exr", formats="stmap")
-    warped_image = warped(oiio, rendered, exported.paths[1])
-    decibels, shift = compared(
+    warped_image = warped(oiio, panorama, exported.paths[1])
+    decibels, shift = compare_images(
         sensor, expose(sensor, Box(), samples=4), warped_image.astype(np.float32)
     )
     assert decibels > 38

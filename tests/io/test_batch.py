@@ -54,13 +54,13 @@ def test_expand_inputs(folder, patterns, names):
 
 @pytest.mark.parametrize("suffix", [s for s in READABLE_IMAGE_SUFFIXES if s not in IMAGE_SUFFIXES])
 def test_expand_inputs_with_readable_suffixes(tmp_path, suffix):
-    """Calibration sets have various formats: those of OCamCalib are GIFs."""
-    picture = np.kron([[10, 200, 10], [200, 10, 200]], np.ones((24, 24))).astype(np.uint8)
+    """Calibration datasets have various formats: those of OCamCalib are GIFs."""
+    pattern = np.kron([[10, 200, 10], [200, 10, 200]], np.ones((24, 24))).astype(np.uint8)
     of_kind = {".ppm": "RGB"}.get(suffix, "L")
-    Image.fromarray(picture).convert(of_kind).save(tmp_path / f"a{suffix}")
+    Image.fromarray(pattern).convert(of_kind).save(tmp_path / f"a{suffix}")
     (file,) = expand_inputs([tmp_path], READABLE_IMAGE_SUFFIXES)
-    seen = read_image(file)
-    assert np.abs(seen.reshape(48, 72, -1).astype(int) - picture[..., None]).max() <= 1
+    image = read_image(file)
+    assert np.abs(image.reshape(48, 72, -1).astype(int) - pattern[..., None]).max() <= 1
     with pytest.raises(MediaError, match="must contain files with a suffix of"):
         expand_inputs([tmp_path])
 
@@ -87,7 +87,7 @@ def test_output_names_are_unique(folder):
 
 
 def test_failed_job_does_not_affect_others():
-    done, told, lock = [], [], threading.Lock()
+    done, updates, lock = [], [], threading.Lock()
 
     def job(n):
         def run():
@@ -103,7 +103,7 @@ def test_failed_job_does_not_affect_others():
         return Job(f"{n}.jpg", run)
 
     results = run_parallel(
-        [job(n) for n in range(20)], 4, lambda count, total: told.append((count, total))
+        [job(n) for n in range(20)], 4, lambda count, total: updates.append((count, total))
     )
     assert sorted(done) == [n for n in range(20) if n not in (3, 5, 6)]
     assert results.done == [f"{n}.jpg" for n in sorted(done)]
@@ -112,7 +112,7 @@ def test_failed_job_does_not_affect_others():
         "5.jpg": "unexpected ZeroDivisionError: by zero",
         "6.jpg": "6.jpg: No space left on device",
     }
-    assert (results.exit_code, results.not_started, told[-1]) == (1, [], (20, 20))
+    assert (results.exit_code, results.not_started, updates[-1]) == (1, [], (20, 20))
     assert run_parallel([]) == BatchResult([], {}, [], 0)
     assert BatchResult().stopped_by == 0
     assert BatchResult(not_started=["a.jpg"], stopped_by=143).exit_code == 143
@@ -121,19 +121,19 @@ def test_failed_job_does_not_affect_others():
 
 def test_progress_is_reported_once_per_finished_job():
     """Each job waits for the report of the preceding one, longer than a polling period."""
-    told = []
+    updates = []
 
     def job(n):
         def run():
             end = time.monotonic() + 300
-            while len(told) < n and time.monotonic() < end:
+            while len(updates) < n and time.monotonic() < end:
                 time.sleep(0.01)
             time.sleep(1.5 * interrupts.POLL_S)
 
         return Job(str(n), run)
 
-    run_parallel([job(n) for n in range(4)], 1, lambda count, total: told.append((count, total)))
-    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    run_parallel([job(n) for n in range(4)], 1, lambda count, total: updates.append((count, total)))
+    assert updates == [(1, 4), (2, 4), (3, 4), (4, 4)]
 
 
 def test_single_worker_runs_sequentially():

@@ -34,11 +34,11 @@ def notes() -> Image.Exif:
     return exif
 
 
-def theirs(path, mode="RGB", profile=PROFILE):
+def pillow_file(path, mode="RGB", profile=PROFILE):
     if (
         path.suffix == ".tif"
     ):  # Pillow writes no exposure to TIFF, and reads the written one (see below)
-        image, metadata = read_image_and_metadata(theirs(path.with_suffix(".png")))
+        image, metadata = read_image_and_metadata(pillow_file(path.with_suffix(".png")))
         om.write_image(path, image, metadata=metadata)
         return path
     Image.new(mode, (64, 64), 128 if mode == "L" else (200, 100, 50)).save(
@@ -48,10 +48,10 @@ def theirs(path, mode="RGB", profile=PROFILE):
 
 
 def assert_invariants(path):
-    with Image.open(path) as picture:
-        assert picture.info["icc_profile"] == PROFILE
-        exif = picture.getexif()
-        exposure, place = exif.get_ifd(0x8769), exif.get_ifd(0x8825)
+    with Image.open(path) as image:
+        assert image.info["icc_profile"] == PROFILE
+        exif = image.getexif()
+        exposure, position = exif.get_ifd(0x8769), exif.get_ifd(0x8825)
     assert (exif[0x010F], exif[0x8298]) == ("Maker", "someone")
     assert exif.get(0x0112, 1) == 1, "a view is drawn upright"
     assert (exposure[0x829A], exposure[0x8827], exposure[0x9003]) == (
@@ -60,24 +60,23 @@ def assert_invariants(path):
         "2024:05:06 07:08:09",
     )
     assert not {0xA002, 0xA003, 0x927C} & set(exposure), "of the stored pixels"
-    assert [float(x) for x in place[2]] == [51, 29, 12.3]
+    assert [float(x) for x in position[2]] == [51, 29, 12.3]
 
 
 @pytest.mark.parametrize("target", SUFFIXES)
 @pytest.mark.parametrize("source", SUFFIXES)
 def test_dewarped_images_keep_profile_and_valid_exif(tmp_path, source, target, capsys):
-    theirs(tmp_path / f"in{source}")
+    pillow_file(tmp_path / f"in{source}")
     main(["dewarp", str(tmp_path / f"in{source}"), *BALL, "-o", str(tmp_path / f"out{target}")])
     assert "without" not in capsys.readouterr().out
     assert_invariants(tmp_path / f"out{target}")
     with Image.open(
         tmp_path / f"out{target}"
-    ) as picture:  # panorama metadata and pixels are still written
-        packet = picture.tag_v2[700] if target == ".tif" else picture.info["xmp"]
+    ) as image:  # panorama metadata and pixels are still written
+        packet = image.tag_v2[700] if target == ".tif" else image.info["xmp"]
         assert b"GPano" in bytes(packet)
         assert (
-            np.abs(np.asarray(picture.convert("RGB"))[20, 32].astype(int) - [200, 100, 50]).max()
-            < 8
+            np.abs(np.asarray(image.convert("RGB"))[20, 32].astype(int) - [200, 100, 50]).max() < 8
         )
 
 
@@ -92,22 +91,22 @@ def test_exif_in_big_endian_order(tmp_path):
 
 def test_long_jpeg_profile_is_split_into_segments(tmp_path):
     long = PROFILE + np.random.default_rng(1).bytes(150_000)
-    theirs(tmp_path / "in.jpg", profile=long)
+    pillow_file(tmp_path / "in.jpg", profile=long)
     image, metadata = read_image_and_metadata(tmp_path / "in.jpg")
     assert metadata.profile == long
     om.write_image(tmp_path / "out.jpg", image, metadata=metadata)
-    with Image.open(tmp_path / "out.jpg") as picture:
-        assert picture.info["icc_profile"] == long
+    with Image.open(tmp_path / "out.jpg") as output:
+        assert output.info["icc_profile"] == long
 
 
 def test_unsupported_metadata_is_reported(tmp_path, capsys):
-    theirs(tmp_path / "a.png")
+    pillow_file(tmp_path / "a.png")
     main(["dewarp", str(tmp_path / "a.png"), *BALL, "-o", str(tmp_path / "a.bmp")])
     assert (
         "without the colour profile and EXIF, which .bmp does not support"
         in capsys.readouterr().out
     )
-    theirs(tmp_path / "b.png", "L")  # grey, with a colour profile
+    pillow_file(tmp_path / "b.png", "L")  # grey, with a colour profile
     main(["dewarp", str(tmp_path / "b.png"), *BALL, "-o", str(tmp_path / "b.jpg")])
     assert "without the colour profile, whose colour space is RGB" in capsys.readouterr().out
     image, metadata = read_image_and_metadata(tmp_path / "a.png")

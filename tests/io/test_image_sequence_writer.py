@@ -33,7 +33,7 @@ DEWARP = om.Dewarper(
 )
 
 
-def picture(number: int) -> np.ndarray:
+def image_of(number: int) -> np.ndarray:
     v, u = np.mgrid[0:64, 0:64]
     return np.dstack([2 * u + 20, 2 * v + 40, np.full_like(u, 20 * number)]).astype(np.uint8)
 
@@ -42,7 +42,7 @@ def picture(number: int) -> np.ndarray:
 def film(tmp_path):
     with VideoWriter(tmp_path / "in.mp4", (64, 64), 25, crf=1) as writer:
         for i in range(12):
-            writer.write(frame_of_image(picture(i)))
+            writer.write(frame_of_image(image_of(i)))
     return tmp_path / "in.mp4"
 
 
@@ -58,8 +58,8 @@ def test_frames_are_written_as_numbered_images(film, tmp_path, suffix):
     assert names(out) == [f"f{i:04d}{suffix}" for i in range(1, 13)]
     for i, frame in enumerate(images_of(film), 1):
         expected = DEWARP(frame.to_ndarray(format="rgb24")).astype(float)
-        with Image.open(out / f"f{i:04d}{suffix}") as made:
-            assert np.abs(np.asarray(made) - expected)[2:-2, 2:-2].mean() < 3
+        with Image.open(out / f"f{i:04d}{suffix}") as image:
+            assert np.abs(np.asarray(image) - expected)[2:-2, 2:-2].mean() < 3
 
 
 def test_images_of_longer_run_are_reported(film, tmp_path):
@@ -69,8 +69,8 @@ def test_images_of_longer_run_are_reported(film, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "f0013.png to f0020.png are images of a previous run and do not belong" in run.stderr
     assert (tmp_path / "f0013.png").read_bytes() == b"older"
-    again = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", tmp_path / "f%04d.png")
-    assert "previous run" not in again.stderr
+    repeated = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", tmp_path / "f%04d.png")
+    assert "previous run" not in repeated.stderr
 
 
 def test_existing_images_are_skipped(film, tmp_path):
@@ -84,15 +84,15 @@ def test_existing_images_are_skipped(film, tmp_path):
     assert (part / "2.png").read_bytes() == b"mine"
     for i in (1, *range(3, 13)):
         assert (part / f"{i}.png").read_bytes() == (whole / f"{i}.png").read_bytes()
-    again = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", part / "%d.png")
-    assert (again.returncode, "0 frames" in again.stderr) == (0, True)
+    repeated = omnimirror("dewarp", film, *BALL, "--skip-existing", "-o", part / "%d.png")
+    assert (repeated.returncode, "0 frames" in repeated.stderr) == (0, True)
     omnimirror("dewarp", film, *BALL, "-o", part / "%d.png")
     assert (part / "2.png").read_bytes() == (whole / "2.png").read_bytes()
 
 
 def test_sigterm_leaves_complete_images(film, tmp_path):
     out, program = tmp_path / "out", Path(sys.executable).with_name("omnimirror")
-    words = [
+    arguments = [
         "dewarp",
         film,
         "--ball",
@@ -104,15 +104,15 @@ def test_sigterm_leaves_complete_images(film, tmp_path):
         "-o",
         "-",
     ]
-    with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
+    with Popen([program, *map(str, arguments)], stdout=PIPE, stderr=PIPE) as run:
         assert run.stdout.read(9) == b"YUV4MPEG2"  # the writer blocks at a full pipe
         run.send_signal(signal.SIGTERM)
-        _, said = run.communicate()
-    assert run.returncode == 143, said
-    made = names(out)
-    assert made == [f"{i}.png" for i in range(1, len(made) + 1)]
-    assert 1 <= len(made) < 12
-    assert all(om.read_image(out / name).shape == (256, 512, 3) for name in made)
+        _, stderr = run.communicate()
+    assert run.returncode == 143, stderr
+    files = names(out)
+    assert files == [f"{i}.png" for i in range(1, len(files) + 1)]
+    assert 1 <= len(files) < 12
+    assert all(om.read_image(out / name).shape == (256, 512, 3) for name in files)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_sigterm_leaves_complete_images(film, tmp_path):
     ],
 )
 def test_invalid_pattern_raises(film, tmp_path, source, output, message):
-    om.write_image(tmp_path / "f0001.png", picture(1))
+    om.write_image(tmp_path / "f0001.png", image_of(1))
     assert message in fails("dewarp", source, *BALL, "-o", output, cwd=tmp_path)
     assert names(tmp_path) == ["f0001.png", "in.mp4"]
 
@@ -165,9 +165,9 @@ def test_invalid_pattern_raises(film, tmp_path, source, output, message):
 def test_video_options_are_rejected_for_images(film, tmp_path):
     for option in (["--set", "video.crf=3"], ["--set", "video.pixel_format=yuv420p"]):
         fails("dewarp", film, *BALL, *option, "-o", tmp_path / "%d.png")
-    words = ["--skip-existing", "-o", tmp_path / "%d.png", "-o", tmp_path / "a.mp4"]
+    arguments = ["--skip-existing", "-o", tmp_path / "%d.png", "-o", tmp_path / "a.mp4"]
     assert "skip_existing must be used with a single image sequence" in fails(
-        "dewarp", film, *BALL, *words
+        "dewarp", film, *BALL, *arguments
     )
     assert names(tmp_path) == ["in.mp4"]
 
@@ -186,11 +186,11 @@ def test_more_than_8_bits_are_written_as_16(tmp_path, bits, pixel_format):
     u[:] = v[:] = 128 * scale
     frame.color_range, frame.colorspace = 1, 1
     ImageSequenceWriter(tmp_path / "%d.png", (64, 48), pixel_format).write(frame)
-    made = om.read_image(tmp_path / "1.png")
-    assert made.dtype == np.uint16
+    image = om.read_image(tmp_path / "1.png")
+    assert image.dtype == np.uint16
     expected = (y[0] / scale - 16) / 219
     np.testing.assert_allclose(
-        made / 65535, np.repeat(expected[None, :, None], 3, 2).repeat(48, 0), atol=4e-4
+        image / 65535, np.repeat(expected[None, :, None], 3, 2).repeat(48, 0), atol=4e-4
     )
 
 
@@ -204,9 +204,9 @@ def test_transparency_is_preserved(tmp_path):
 
 def test_image_losses_are_reported(tmp_path):
     hdr = ColourCoding(1, 9, 9, 16)
-    said = ImageSequenceWriter(tmp_path / "%d.jpg", (64, 48), "yuva444p10le", hdr).notes
-    assert "%d.jpg: 10 bits are reduced to 8, transparency is lost; use .png or .tif" in said[0]
-    assert "HDR tags are lost in images" in said[1]
+    notes = ImageSequenceWriter(tmp_path / "%d.jpg", (64, 48), "yuva444p10le", hdr).notes
+    assert "%d.jpg: 10 bits are reduced to 8, transparency is lost; use .png or .tif" in notes[0]
+    assert "HDR tags are lost in images" in notes[1]
     assert not ImageSequenceWriter(tmp_path / "%d.png", (64, 48), "yuva444p10le").notes
     with pytest.raises(MediaError, match=r"\.jpg images must have at most 65500 px per side"):
         ImageSequenceWriter(tmp_path / "%d.jpg", (70_000, 48))

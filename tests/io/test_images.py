@@ -27,7 +27,7 @@ LOSSLESS = [
 ]
 
 
-def picture(dtype="uint8", channels=3, size=(17, 23)):
+def image_of(dtype="uint8", channels=3, size=(17, 23)):
     shape = size if channels == 1 else (*size, channels)
     values = RNG.random(shape) * FULL[dtype]
     return values.astype(dtype)
@@ -36,7 +36,7 @@ def picture(dtype="uint8", channels=3, size=(17, 23)):
 @pytest.mark.parametrize(("suffix", "dtype", "channels"), LOSSLESS)
 def test_lossless_round_trip(tmp_path, suffix, dtype, channels):
     path = tmp_path / f"ünïcode name{suffix}"
-    image = picture(dtype, channels)
+    image = image_of(dtype, channels)
     if channels == 4:  # WebP discards the colour of transparent pixels
         image[..., 3][image[..., 3] == 0] = FULL[dtype]
     om.write_image(path, image)
@@ -51,7 +51,7 @@ def test_lossless_round_trip(tmp_path, suffix, dtype, channels):
     [(".jpg", "uint8", 8), (".JPEG", "uint8", 8), (".hdr", "float32", 0.01)],
 )
 def test_lossy_round_trip(tmp_path, suffix, dtype, tolerance):
-    smooth = cv2.GaussianBlur(picture(dtype, 3, (60, 80)), (15, 15), 5)
+    smooth = cv2.GaussianBlur(image_of(dtype, 3, (60, 80)), (15, 15), 5)
     om.write_image(tmp_path / f"a{suffix}", smooth)
     back = om.read_image(tmp_path / f"a{suffix}")
     assert np.abs(back.astype(float) - smooth).mean() < tolerance
@@ -69,12 +69,22 @@ def test_truncated_jpeg_with_thumbnail_is_detected(missing, tmp_path):
 
 
 def test_format_capabilities():
-    held = {suffix: (kind.depths, kind.channels) for suffix, kind in FORMATS.items()}
-    assert held[".exr"] == (("float32",), (1, 3, 4))
-    assert held[".png"] == (("uint8", "uint16"), (1, 3, 4))
-    assert held[".tif"] == held[".tiff"] == (("uint8", "uint16", "float32"), (1, 3, 4))
-    assert held[".jpg"] == held[".jpeg"] == held[".bmp"] == (("uint8",), (1, 3))
-    assert (held[".webp"], held[".hdr"]) == ((("uint8",), (3, 4)), (("float32",), (3,)))
+    capabilities = {suffix: (kind.depths, kind.channels) for suffix, kind in FORMATS.items()}
+    assert capabilities[".exr"] == (("float32",), (1, 3, 4))
+    assert capabilities[".png"] == (("uint8", "uint16"), (1, 3, 4))
+    assert (
+        capabilities[".tif"] == capabilities[".tiff"] == (("uint8", "uint16", "float32"), (1, 3, 4))
+    )
+    assert (
+        capabilities[".jpg"]
+        == capabilities[".jpeg"]
+        == capabilities[".bmp"]
+        == (("uint8",), (1, 3))
+    )
+    assert (capabilities[".webp"], capabilities[".hdr"]) == (
+        (("uint8",), (3, 4)),
+        (("float32",), (3,)),
+    )
     assert images.OPAQUE == {"uint8": 2**8 - 1, "uint16": 2**16 - 1, "float32": 1.0}
 
 
@@ -96,7 +106,7 @@ def test_opencv_errors_are_media_errors(tmp_path, monkeypatch):
         raise cv2.error("OpenCV(4.99) /source/file.cpp:12: error: (-2) no memory\nin function 'x'")
 
     path = tmp_path / "a.png"
-    om.write_image(path, picture())
+    om.write_image(path, image_of())
     monkeypatch.setattr(cv2, "imdecode", fail)
     with pytest.raises(
         MediaError, match=r"OpenCV\(4\.99\) /source/file\.cpp:12: error: \(-2\) no memory"
@@ -104,15 +114,15 @@ def test_opencv_errors_are_media_errors(tmp_path, monkeypatch):
         om.read_image(path)
     monkeypatch.setattr(cv2, "imencode", fail)
     with pytest.raises(MediaError, match=r"^cannot write .*b\.png: .*no memory$"):
-        om.write_image(tmp_path / "b.png", picture())
+        om.write_image(tmp_path / "b.png", image_of())
     monkeypatch.setattr(cv2, "imencode", lambda *_: (False, None))
     with pytest.raises(MediaError, match=r"cannot encode an image of 23 x 17 px as \.png"):
-        om.write_image(tmp_path / "b.png", picture())
+        om.write_image(tmp_path / "b.png", image_of())
     assert [file.name for file in tmp_path.iterdir()] == ["a.png"]
 
 
 def test_single_channel_axis_is_grey(tmp_path):
-    om.write_image(tmp_path / "a.png", picture("uint8", 1)[..., None])
+    om.write_image(tmp_path / "a.png", image_of("uint8", 1)[..., None])
     assert om.read_image(tmp_path / "a.png").shape == (17, 23)
 
 
@@ -120,7 +130,7 @@ def test_single_channel_axis_is_grey(tmp_path):
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
 def test_truncated_image_raises(tmp_path, suffix, share, capfd):
     image = cv2.GaussianBlur(
-        picture("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2
+        image_of("float32" if suffix in (".hdr", ".exr") else "uint8", 3, (200, 300)), (5, 5), 2
     )
     om.write_image(tmp_path / f"whole{suffix}", image)
     data = (tmp_path / f"whole{suffix}").read_bytes()
@@ -132,17 +142,17 @@ def test_truncated_image_raises(tmp_path, suffix, share, capfd):
     assert capfd.readouterr().err == ""
 
 
-def _with_header(data: bytes, **changed) -> bytes:
+def _with_header(data: bytes, **fields) -> bytes:
     """Return a PNG with a modified header and a valid checksum."""
     names = ("width", "height", "depth", "colour", "packing", "filter", "interlace")
-    header = dict(zip(names, struct.unpack(">IIBBBBB", data[16:29]), strict=True)) | changed
+    header = dict(zip(names, struct.unpack(">IIBBBBB", data[16:29]), strict=True)) | fields
     chunk = b"IHDR" + struct.pack(">IIBBBBB", *header.values())
     return data[:12] + chunk + zlib.crc32(chunk).to_bytes(4, "big") + data[33:]
 
 
 def test_png_header_exceeding_capacity_raises_before_decompression(tmp_path, monkeypatch):
     path = tmp_path / "a.png"
-    om.write_image(path, picture("uint16", 4, (40, 50)))
+    om.write_image(path, image_of("uint16", 4, (40, 50)))
     data = path.read_bytes()
     assert _with_header(data) == data
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
@@ -159,17 +169,17 @@ def test_png_header_exceeding_capacity_raises_before_decompression(tmp_path, mon
 
 
 ENCODED = {
-    "grey.png": (picture("uint8", 1, (20, 30)), ".png", ()),
-    "deep.png": (picture("uint16", 4, (20, 30)), ".png", ()),
-    "grey.jpg": (picture("uint8", 1, (20, 30)), ".jpg", ()),
-    "colour.jpg": (picture("uint8", 3, (20, 30)), ".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)),
-    "grey.tif": (picture("uint8", 1, (20, 30)), ".tif", ()),
-    "deep.tif": (picture("uint16", 3, (20, 30)), ".tif", ()),
-    "float.tif": (picture("float32", 3, (20, 30)), ".tif", ()),
-    "colour.bmp": (picture("uint8", 3, (20, 30)), ".bmp", ()),
-    "colour.webp": (picture("uint8", 3, (20, 30)), ".webp", ()),
-    "deep.ppm": (picture("uint16", 3, (20, 30)), ".ppm", ()),
-    "colour.hdr": (picture("float32", 3, (20, 30)), ".hdr", ()),
+    "grey.png": (image_of("uint8", 1, (20, 30)), ".png", ()),
+    "deep.png": (image_of("uint16", 4, (20, 30)), ".png", ()),
+    "grey.jpg": (image_of("uint8", 1, (20, 30)), ".jpg", ()),
+    "colour.jpg": (image_of("uint8", 3, (20, 30)), ".jpg", (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)),
+    "grey.tif": (image_of("uint8", 1, (20, 30)), ".tif", ()),
+    "deep.tif": (image_of("uint16", 3, (20, 30)), ".tif", ()),
+    "float.tif": (image_of("float32", 3, (20, 30)), ".tif", ()),
+    "colour.bmp": (image_of("uint8", 3, (20, 30)), ".bmp", ()),
+    "colour.webp": (image_of("uint8", 3, (20, 30)), ".webp", ()),
+    "deep.ppm": (image_of("uint16", 3, (20, 30)), ".ppm", ()),
+    "colour.hdr": (image_of("float32", 3, (20, 30)), ".hdr", ()),
 }
 
 
@@ -192,7 +202,7 @@ def test_decoded_size_equals_size_of_image(name, tmp_path, monkeypatch):
 
 def test_decoded_size_of_exr_includes_all_channels(tmp_path):
     pytest.importorskip("OpenEXR", reason="pip install '.[exr]'")
-    om.write_image(tmp_path / "a.exr", picture("float32", 4, (20, 30)))
+    om.write_image(tmp_path / "a.exr", image_of("float32", 4, (20, 30)))
     data = (tmp_path / "a.exr").read_bytes()
     assert images.decoded_bytes(data) == 4 * 4 * 20 * 30
     wide = data.replace(struct.pack("<4i", 0, 0, 29, 19), struct.pack("<4i", 0, 0, 29_999, 29_999))
@@ -202,7 +212,7 @@ def test_decoded_size_of_exr_includes_all_channels(tmp_path):
 
 
 def test_jpeg_declaring_gigabytes_raises_before_decoding(tmp_path, monkeypatch):
-    data = images.encoded(picture(size=(16, 16)), ".jpg")
+    data = images.encoded(image_of(size=(16, 16)), ".jpg")
     at = data.index(b"\xff\xc0") + 5
     (tmp_path / "a.jpg").write_bytes(
         data[:at] + struct.pack(">HH", 30_000, 30_000) + data[at + 4 :]
@@ -231,7 +241,7 @@ def test_png_at_maximum_compression_is_read(tmp_path):
 
 def test_jpeg_with_end_of_thumbnail_only_is_truncated(tmp_path):
     """An end marker inside the header does not end the image."""
-    _, data = cv2.imencode(".jpg", picture(size=(100, 100)))
+    _, data = cv2.imencode(".jpg", image_of(size=(100, 100)))
     data = data.tobytes()
     thumbnail = b"\xff\xe1" + (2 + 4).to_bytes(2, "big") + b"\xff\xd8\xff\xd9"
     path = tmp_path / "a.jpg"
@@ -287,27 +297,27 @@ def test_folder_as_image_raises(tmp_path):
     [
         (
             "a.gif",
-            picture(),
+            image_of(),
             r"the suffix must be one of \.png, \.jpg, \.jpeg, \.tif, \.tiff, \.webp, \.bmp,",
         ),
         (
             "a",
-            picture(),
+            image_of(),
             r"the suffix must be one of \.png, \.jpg, \.jpeg, \.tif, \.tiff, \.webp, \.bmp, \.hd",
         ),
         (
             "a.jpg",
-            picture("uint16"),
+            image_of("uint16"),
             r"\.jpg images must be uint8 with 1 or 3 channels; got uint16 with 3",
         ),
         (
             "a.jpg",
-            picture(channels=4),
+            image_of(channels=4),
             r"\.jpg images must be uint8 with 1 or 3 channels; got uint8 with 4",
         ),
         (
             "a.png",
-            picture("float32"),
+            image_of("float32"),
             r"\.png images must be uint8 or uint16 with 1 or 3 or 4 channels; got float32 with 3",
         ),
         (
@@ -353,7 +363,7 @@ def test_opencv_log_level_is_restored():
 
 def test_full_disk_keeps_existing_image(tmp_path, monkeypatch):
     path = tmp_path / "a.png"
-    before = picture()
+    before = image_of()
     om.write_image(path, before)
 
     def full(self, data):
@@ -361,7 +371,7 @@ def test_full_disk_keeps_existing_image(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(MediaError, match=r"cannot write .*a.png: No space left on device"):
-        om.write_image(path, picture())
+        om.write_image(path, image_of())
     np.testing.assert_array_equal(om.read_image(path), before)
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -405,7 +415,7 @@ def test_exr_without_package_raises_with_remedy(tmp_path, monkeypatch):
     with pytest.raises(
         MediaError, match=r"OpenEXR must be installed for .*: run pip install '\.\[exr\]'"
     ):
-        om.write_image(tmp_path / "a.exr", picture("float32"))
+        om.write_image(tmp_path / "a.exr", image_of("float32"))
     assert not list(tmp_path.iterdir())
 
 
@@ -447,9 +457,9 @@ def test_png_header_declares_size(colour, samples, decoded, depth):
     assert images.decoded_bytes(png_header(30, 20, 1, 0)) == 600
     side = 8 * 1032 * 43 // depth  # samples in a file of 43 bytes
     for width in (side // samples, side // samples + 1):
-        said = images._png_damage(png_header(width, 1, depth, colour, more=bytes(10)))
+        damage = images._png_damage(png_header(width, 1, depth, colour, more=bytes(10)))
         exceeds = width * samples > side
-        assert said == (
+        assert damage == (
             f"{width} x 1 px in the PNG header exceed the capacity of 43 bytes" if exceeds else ""
         )
 
@@ -571,8 +581,8 @@ def test_palettes_are_expanded_to_four_channels(suffix, mode, expected):
 
 
 def test_image_of_gigapixels_exceeds_the_limit(tmp_path):
-    """Pillow refuses its header; its size is reported as just above the limit."""
-    data = bytearray(images.encoded(picture(size=(20, 31)), ".bmp"))
+    """Pillow rejects its header; its size is reported as just above the limit."""
+    data = bytearray(images.encoded(image_of(size=(20, 31)), ".bmp"))
     data[18:26] = struct.pack("<ii", 30_000, 30_000)
     (tmp_path / "a.bmp").write_bytes(data)
     with pytest.raises(MediaError, match=r"at most 2048 MB after decoding; got 2049 MB"):
@@ -609,18 +619,18 @@ def test_orientation_is_applied_unless_stored_pixels_are_requested(tmp_path):
     """6: the first row of the file is the right edge of the image (EXIF 2.3, 4.6.4)."""
     from PIL import Image
 
-    image = picture("uint8", 3, (20, 30))
+    image = image_of("uint8", 3, (20, 30))
     exif = Image.Exif()
     exif[0x0112] = 6
     Image.fromarray(image).save(tmp_path / "a.png", exif=exif)
     om.write_image(tmp_path / "b.png", image)
     np.testing.assert_array_equal(om.read_image(tmp_path / "a.png"), np.rot90(image, -1))
     np.testing.assert_array_equal(om.read_image(tmp_path / "a.png", stored_orientation=True), image)
-    for read, expected in ((False, np.rot90(image, -1)), (True, image)):
-        found, metadata = images.read_image_and_metadata(
-            tmp_path / "a.png", **({"stored_orientation": True} if read else {})
+    for is_stored, expected in ((False, np.rot90(image, -1)), (True, image)):
+        output, metadata = images.read_image_and_metadata(
+            tmp_path / "a.png", **({"stored_orientation": True} if is_stored else {})
         )
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(output, expected)
         assert metadata.orientation == 6
     names = ("a.png", "b.png", "missing.png")
     assert [images.orientation_of(tmp_path / name) for name in names] == [6, 1, 1]
@@ -633,15 +643,15 @@ def test_panorama_and_metadata_require_a_format_and_size(tmp_path):
             MediaError,
             match=f"must have the size of panorama, 40 x 20 px; got {size[1]} x {size[0]} px",
         ):
-            om.write_image(tmp_path / "a.png", picture(size=size), panorama=panorama)
+            om.write_image(tmp_path / "a.png", image_of(size=size), panorama=panorama)
     with pytest.raises(MediaError, match="panorama metadata requires"):
-        om.write_image(tmp_path / "a.bmp", picture(size=(20, 40)), panorama=panorama)
+        om.write_image(tmp_path / "a.bmp", image_of(size=(20, 40)), panorama=panorama)
     metadata = images.ImageMetadata(profile=b"profile")
     with pytest.raises(MediaError, match="a colour profile or EXIF requires"):
-        om.write_image(tmp_path / "a.bmp", picture(), metadata=metadata)
+        om.write_image(tmp_path / "a.bmp", image_of(), metadata=metadata)
     assert not list(tmp_path.iterdir())
     for channels in (1, 3):
-        image = picture("uint8", channels, (20, 40))
+        image = image_of("uint8", channels, (20, 40))
         om.write_image(tmp_path / "a.png", image, panorama=panorama)
         np.testing.assert_array_equal(om.read_image(tmp_path / "a.png"), image)
         assert b"GPano" in (tmp_path / "a.png").read_bytes()

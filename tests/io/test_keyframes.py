@@ -33,22 +33,22 @@ tilt_deg = -10.5
 
 def test_csv_with_empty_cells(tmp_path):
     (tmp_path / "a.csv").write_text("\ufeff" + CSV)
-    moves = Keyframes.load(tmp_path / "a.csv")
-    assert moves.at(0) == moves.at(-3) == {"pan_deg": 170, "hfov_deg": 90}
-    assert moves.at(2)["pan_deg"] == -170
-    assert moves.at(2)["hfov_deg"] == 65
-    assert moves.at(4) == moves.at(99) == {"pan_deg": -90, "hfov_deg": 40}
+    keyframes = Keyframes.load(tmp_path / "a.csv")
+    assert keyframes.at(0) == keyframes.at(-3) == {"pan_deg": 170, "hfov_deg": 90}
+    assert keyframes.at(2)["pan_deg"] == -170
+    assert keyframes.at(2)["hfov_deg"] == 65
+    assert keyframes.at(4) == keyframes.at(99) == {"pan_deg": -90, "hfov_deg": 40}
 
 
 def test_toml_linear(tmp_path):
     (tmp_path / "a.toml").write_text(TOML)
-    moves = Keyframes.load(tmp_path / "a.toml")
-    assert moves.at(1) == {
+    keyframes = Keyframes.load(tmp_path / "a.toml")
+    assert keyframes.at(1) == {
         "pan_deg": 180,
         "tilt_deg": -5.25,
     }  # 0 in the first keyframe, which does not contain it
-    assert moves.at(0.5)["pan_deg"] == pytest.approx(175)
-    assert moves.at(1.5)["pan_deg"] == pytest.approx(-175)
+    assert keyframes.at(0.5)["pan_deg"] == pytest.approx(175)
+    assert keyframes.at(1.5)["pan_deg"] == pytest.approx(-175)
 
 
 POSES = ("x_mm", "y_mm", "pan_deg")
@@ -61,13 +61,13 @@ MISSING_AT_FIRST = {
 
 @pytest.mark.parametrize("parse", MISSING_AT_FIRST)
 def test_value_missing_in_first_keyframe_is_zero(parse):
-    moves = parse(MISSING_AT_FIRST[parse], names=POSES)
-    assert moves.at(0) == moves.at(1) == {"x_mm": 1500, "y_mm": 0, "pan_deg": 0}
-    assert moves.at(1.5)["y_mm"] == pytest.approx(
+    keyframes = parse(MISSING_AT_FIRST[parse], names=POSES)
+    assert keyframes.at(0) == keyframes.at(1) == {"x_mm": 1500, "y_mm": 0, "pan_deg": 0}
+    assert keyframes.at(1.5)["y_mm"] == pytest.approx(
         450
     )  # halfway, where smooth and linear interpolation agree
-    assert 900 == moves.at(2)["y_mm"] == moves.at(3)["y_mm"]
-    assert 0 < moves.at(2)["pan_deg"] < 40 == moves.at(3)["pan_deg"]
+    assert 900 == keyframes.at(2)["y_mm"] == keyframes.at(3)["y_mm"]
+    assert 0 < keyframes.at(2)["pan_deg"] < 40 == keyframes.at(3)["pan_deg"]
 
 
 @pytest.mark.parametrize(
@@ -91,20 +91,20 @@ values = st.lists(st.floats(-60, 60), min_size=3, max_size=8)
 
 @given(values, st.floats(0, 1))
 def test_smooth_interpolation_does_not_overshoot(levels, share):
-    moves = Keyframes({"tilt_deg": tuple((2.0 * i, level) for i, level in enumerate(levels))})
+    keyframes = Keyframes({"tilt_deg": tuple((2.0 * i, level) for i, level in enumerate(levels))})
     for i, (a, b) in enumerate(pairwise(levels)):
-        assert min(a, b) - 1e-9 <= moves.at(2 * (i + share))["tilt_deg"] <= max(a, b) + 1e-9
+        assert min(a, b) - 1e-9 <= keyframes.at(2 * (i + share))["tilt_deg"] <= max(a, b) + 1e-9
 
 
 @pytest.mark.parametrize("interpolation", [None, "smooth", "linear"])
 def test_motion_between_two_keyframes(interpolation):
     """Smooth by default: 3 t^2 - 2 t^3 of the range, which starts and ends at rest."""
-    chosen = "" if interpolation is None else f"interpolation = '{interpolation}'\n"
+    header = "" if interpolation is None else f"interpolation = '{interpolation}'\n"
     text = "[[keyframe]]\ntime_s = -4\ntilt_deg = 10\n[[keyframe]]\ntime_s = -2\ntilt_deg = 26\n"
-    moves = parse_toml(chosen + text)
+    keyframes = parse_toml(header + text)
     for t in (0.0, 0.25, 0.5, 0.875, 1.0):
         share = t if interpolation == "linear" else 3 * t**2 - 2 * t**3
-        assert moves.at(-4 + 2 * t)["tilt_deg"] == pytest.approx(10 + 16 * share, rel=1e-12)
+        assert keyframes.at(-4 + 2 * t)["tilt_deg"] == pytest.approx(10 + 16 * share, rel=1e-12)
 
 
 def test_csv_lines_may_start_with_spaces_and_quotes():
@@ -119,25 +119,28 @@ def test_csv_lines_may_start_with_spaces_and_quotes():
 def test_smooth_interpolation_equals_pchip():
     """SciPy's monotone interpolation has the same slopes inside; at the ends, slopes are zero."""
     times, levels = np.array([0, 1, 3, 4, 6, 7.5, 9]), np.array([0, 4, 5, 5, 20, 18, 19.0])
-    moves = Keyframes({"tilt_deg": tuple(zip(times, levels, strict=True))})
+    keyframes = Keyframes({"tilt_deg": tuple(zip(times, levels, strict=True))})
     reference = PchipInterpolator(times, levels)
     for t in np.linspace(1, 7.5, 50):
-        assert moves.at(t)["tilt_deg"] == pytest.approx(reference(t), abs=1e-9)
+        assert keyframes.at(t)["tilt_deg"] == pytest.approx(reference(t), abs=1e-9)
     for end in (0, 9):
-        assert moves.at(end + np.sign(4 - end) * 1e-4)["tilt_deg"] == pytest.approx(
-            moves.at(end)["tilt_deg"], abs=1e-6
+        assert keyframes.at(end + np.sign(4 - end) * 1e-4)["tilt_deg"] == pytest.approx(
+            keyframes.at(end)["tilt_deg"], abs=1e-6
         )
 
 
 @given(st.lists(st.floats(-720, 720), min_size=2, max_size=6), st.floats(0, 1))
 def test_pan_interpolates_along_shortest_path(pans, share):
-    moves = Keyframes({"pan_deg": tuple((float(i), pan) for i, pan in enumerate(pans))}, "linear")
+    keyframes = Keyframes(
+        {"pan_deg": tuple((float(i), pan) for i, pan in enumerate(pans))}, "linear"
+    )
     for i, (a, b) in enumerate(pairwise(pans)):
-        turn = (b - a + 180) % 360 - 180
-        pan = moves.at(i + share)["pan_deg"]
+        shortest_turn = (b - a + 180) % 360 - 180
+        pan = keyframes.at(i + share)["pan_deg"]
         assert -180 <= pan <= 180
         assert (
-            abs((pan - (a + share * turn) + 180) % 360 - 180) < 1e-6 or abs(abs(turn) - 180) < 1e-6
+            abs((pan - (a + share * shortest_turn) + 180) % 360 - 180) < 1e-6
+            or abs(abs(shortest_turn) - 180) < 1e-6
         )
 
 

@@ -52,14 +52,16 @@ def test_y4m_is_read_by_two_readers(clip, tmp_path, pixels):
         )
     head, frames = y4m_of(pipe.getvalue())
     before = images_of(clip)
-    told = "FULL" if before[0].color_range == 2 else "LIMITED"
-    assert head == f"YUV4MPEG2 W64 H48 F25:1 Ip A1:1 C420jpeg XCOLORRANGE={told}"
+    colour_range = "FULL" if before[0].color_range == 2 else "LIMITED"
+    assert head == f"YUV4MPEG2 W64 H48 F25:1 Ip A1:1 C420jpeg XCOLORRANGE={colour_range}"
     expected = [b"".join(plane.tobytes() for plane in planes(frame)) for frame in before]
     tolerance = 0 if pixels == "planes" else 3
-    for frame, wanted in zip(frames, expected, strict=True):
-        if pixels == "image" and not 60 < wanted[0] < 180:
+    for frame, expected_bytes in zip(frames, expected, strict=True):
+        if pixels == "image" and not 60 < expected_bytes[0] < 180:
             continue  # outside the RGB gamut: blue, green and red were clipped
-        difference = np.frombuffer(frame, np.uint8).astype(int) - np.frombuffer(wanted, np.uint8)
+        difference = np.frombuffer(frame, np.uint8).astype(int) - np.frombuffer(
+            expected_bytes, np.uint8
+        )
         assert np.abs(difference).max() <= tolerance
     (tmp_path / "a.y4m").write_bytes(pipe.getvalue())
     after = images_of(tmp_path / "a.y4m")
@@ -80,16 +82,16 @@ def test_y4m_of_odd_sides():
 
 def test_rawvideo_contains_only_pixels(clip):
     pipe = io.BytesIO()
-    pictures = []
+    images = []
     with VideoReader(clip) as reader:
 
-        def keep(picture, time_s):
-            pictures.append(picture)
-            return picture
+        def append(image, time_s):
+            images.append(image)
+            return image
 
-        process(reader.items(), PipeSink("rawvideo", 25, stream=pipe), keep)
+        process(reader.items(), PipeSink("rawvideo", 25, stream=pipe), append)
     np.testing.assert_array_equal(
-        np.frombuffer(pipe.getvalue(), np.uint8).reshape(-1, 48, 64, 3), pictures
+        np.frombuffer(pipe.getvalue(), np.uint8).reshape(-1, 48, 64, 3), images
     )
     with pytest.raises(MediaError, match="cannot write frames of pixel format nonsense"):
         PipeSink("rawvideo", 25, "nonsense", io.BytesIO()).write(av.VideoFrame(8, 8, "yuv420p"))
@@ -155,9 +157,9 @@ def test_tee_writes_audio_to_all_files(tmp_path):
 
 def test_in_real_time_delays_frames(clip):
     with VideoReader(clip) as reader:
-        begin = time.monotonic()
-        times = [(frame.time, time.monotonic() - begin) for frame in in_real_time(reader.frames())]
-    assert all(came >= at - times[0][0] - 1e-3 for at, came in times)
+        start = time.monotonic()
+        times = [(frame.time, time.monotonic() - start) for frame in in_real_time(reader.frames())]
+    assert all(arrival >= time_s - times[0][0] - 1e-3 for time_s, arrival in times)
 
 
 def test_missing_virtual_camera_raises():
@@ -216,11 +218,11 @@ def test_preview_displays_frames(display):
         for _ in range(100):
             preview.write(red_frame())
             time.sleep(0.05)
-            seen = pixel_on_screen()
-            if np.abs(np.subtract(seen, (0, 0, 230))).max() < 6:  # blue first
+            colour = pixel_on_screen()
+            if np.abs(np.subtract(colour, (0, 0, 230))).max() < 6:  # blue first
                 break
         else:
-            pytest.fail(f"the window does not show the frame, but {seen}")
+            pytest.fail(f"the window does not show the frame, but {colour}")
     assert preview.frames_written >= 1
     assert preview._window.returncode == 0
 

@@ -41,42 +41,42 @@ def server(*plans):
     A plan is a list of bytes and pauses (s); an empty plan closes the connection immediately.
     """
     listener = socket.create_server(("127.0.0.1", 0))
-    stopping = threading.Event()
-    served = []
+    stop = threading.Event()
+    threads = []
 
     def serve(connection, plan):
         with connection, suppress(OSError):
             connection.recv(4096)
             for part in plan:
-                if stopping.is_set():
+                if stop.is_set():
                     return
                 if isinstance(part, bytes):
                     connection.sendall(part)
                 else:
-                    stopping.wait(part)
+                    stop.wait(part)
 
-    def accept():
+    def serve_connections():
         with suppress(OSError):
             while True:
                 connection, _ = listener.accept()
-                served.append(
+                threads.append(
                     threading.Thread(
-                        target=serve, args=(connection, plans[min(len(served), len(plans) - 1)])
+                        target=serve, args=(connection, plans[min(len(threads), len(plans) - 1)])
                     )
                 )
-                served[-1].start()
+                threads[-1].start()
 
-    thread = threading.Thread(target=accept)
+    thread = threading.Thread(target=serve_connections)
     thread.start()
     try:
         yield f"http://127.0.0.1:{listener.getsockname()[1]}/live.ts"
     finally:
-        stopping.set()
+        stop.set()
         listener.shutdown(socket.SHUT_RDWR)
         listener.close()
         thread.join()
-        for each in served:
-            each.join()
+        for server_thread in threads:
+            server_thread.join()
 
 
 def paced(data, seconds):
@@ -96,10 +96,10 @@ def free_port(kind=socket.SOCK_STREAM):
 def test_interrupted_stream_is_reconnected(transport):
     """It ends, then closes two connections immediately, then continues."""
     half = transport[: len(transport) // 2]
-    told = []
+    messages = []
     with (
         server([HEAD, *paced(half, 1.0)], [], [], [HEAD, *paced(transport, 2.0), 5.0]) as url,
-        LiveSource(url, **PATIENCE, on_warning=told.append) as source,
+        LiveSource(url, **PATIENCE, on_warning=messages.append) as source,
     ):
         before = 0
         for frame in source.frames():
@@ -111,24 +111,24 @@ def test_interrupted_stream_is_reconnected(transport):
         assert source.frame_rate == 25
     assert before >= 20
     assert source.reconnects == 1
-    lost = [sentence for sentence in told if "is disconnected" in sentence]
-    waits = [sentence.rsplit("reconnecting in ")[1] for sentence in lost[:3]]
-    assert waits == ["0.05 s", "0.1 s", "0.2 s"]  # doubled without data
-    assert f"{url} is reconnected after" in told[-1]
+    disconnections = [message for message in messages if "is disconnected" in message]
+    delays = [message.rsplit("reconnecting in ")[1] for message in disconnections[:3]]
+    assert delays == ["0.05 s", "0.1 s", "0.2 s"]  # doubled without data
+    assert f"{url} is reconnected after" in messages[-1]
 
 
 def test_silent_stream_is_disconnected(transport):
-    told = []
+    messages = []
     with (
         server([HEAD, transport, 30.0], [HEAD, *paced(transport, 1.0), 5.0]) as url,
         LiveSource(
-            url, timeout_s=1.5, patience_s=300, min_delay_s=0.05, on_warning=told.append
+            url, timeout_s=1.5, patience_s=300, min_delay_s=0.05, on_warning=messages.append
         ) as source,
     ):
         for _ in source.frames():
             if source.reconnects:
                 break
-    assert f"{url} is disconnected: no data for 1.5 s; reconnecting in 0.05 s" in told[0]
+    assert f"{url} is disconnected: no data for 1.5 s; reconnecting in 0.05 s" in messages[0]
 
 
 def test_slow_consumer_receives_newest_frame(transport):
@@ -137,8 +137,8 @@ def test_slow_consumer_receives_newest_frame(transport):
         times = []
         for _ in range(5):
             times.append(next(frames).time)
-            came = source.received
-            while source.received < came + 6:
+            initial_count = source.received
+            while source.received < initial_count + 6:
                 time.sleep(0.01)
         assert source.dropped >= source.received - 5 - 2  # a queue would keep them
         assert source.dropped > 10
@@ -167,7 +167,7 @@ def test_live_stream_is_recorded(transport, tmp_path):
     ):
         source.first()
         sink = VideoWriter(tmp_path / "a.mp4", SIZE, source.frame_rate, time_base=TICKS)
-        outcome = process(source.frames(), sink, lambda picture, time_s: picture, queue_size=0)
+        outcome = process(source.frames(), sink, lambda image, time_s: image, queue_size=0)
     frames = images_of(tmp_path / "a.mp4")
     assert len(frames) == outcome.frames == 100 - source.dropped
     assert 0.3 < frames[-1].time - frames[0].time < 4
@@ -260,7 +260,7 @@ def test_unresponsive_stream_raises(opening_s):
     awaited for longer."""
     patience_s = 0.3 if opening_s is None else math.inf
     url = f"http://me:secret@127.0.0.1:{free_port()}/live.ts"
-    told: list[str] = []
+    messages: list[str] = []
     with (
         LiveSource(
             url,
@@ -269,27 +269,27 @@ def test_unresponsive_stream_raises(opening_s):
             opening_s=opening_s,
             min_delay_s=0.02,
             max_delay_s=0.02,
-            on_warning=told.append,
+            on_warning=messages.append,
         ) as source,
         pytest.raises(MediaError, match="no frame from http://127"),
     ):
         source.first()
-    assert told
-    assert not any("secret" in sentence for sentence in told)
+    assert messages
+    assert not any("secret" in message for message in messages)
 
 
 def test_permanent_errors_raise_immediately(tmp_path):
     """No retry: the result would be the same."""
     (tmp_path / "passwd").write_text("root:x:0:0\n" * 99)
-    told: list[str] = []
+    messages: list[str] = []
     with server([b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n"]) as locked:
         for url in (f"file://{tmp_path}/passwd", locked):
             with (
-                LiveSource(url, patience_s=math.inf, on_warning=told.append) as source,
+                LiveSource(url, patience_s=math.inf, on_warning=messages.append) as source,
                 pytest.raises(MediaError, match="cannot read"),
             ):
                 source.first()
-    assert not told
+    assert not messages
 
 
 # -- outgoing streams
@@ -320,7 +320,7 @@ except ValueError:
 
 
 def push(url, frames):
-    """Send from another process: FFmpeg holds Python's lock while it opens a stream for writing."""
+    """Send from another process: FFmpeg holds the GIL while it opens a stream for writing."""
     return subprocess.Popen(
         [sys.executable, "-c", PUSH, url, str(frames)], stderr=subprocess.DEVNULL
     )

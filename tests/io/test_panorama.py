@@ -78,9 +78,9 @@ def test_invalid_panorama_raises(elevation, span):
 
 def xmp_of(path):
     """Return the GPano fields found by Pillow."""
-    with Image.open(path) as picture:
-        picture.load()
-        packet = picture.tag_v2[700] if picture.format == "TIFF" else picture.info["xmp"]
+    with Image.open(path) as image:
+        image.load()
+        packet = image.tag_v2[700] if image.format == "TIFF" else image.info["xmp"]
     if isinstance(packet, tuple):
         packet = bytes(packet)
     start, end = packet.index(b"<x:xmpmeta"), packet.index(b"</x:xmpmeta>") + 12
@@ -129,8 +129,8 @@ def test_panorama_metadata_is_read_by_pillow(tmp_path, suffix, dtype, channels):
     }
     np.testing.assert_array_equal(read_image(path), read_image(plain))
     if channels == 3 and dtype == "uint8":
-        with Image.open(path) as picture, Image.open(plain) as other:
-            np.testing.assert_array_equal(np.asarray(picture), np.asarray(other))
+        with Image.open(path) as panorama_image, Image.open(plain) as other:
+            np.testing.assert_array_equal(np.asarray(panorama_image), np.asarray(other))
 
 
 def test_lossy_webp_stores_panorama(tmp_path):
@@ -141,8 +141,8 @@ def test_lossy_webp_stores_panorama(tmp_path):
     )
     (tmp_path / "a.webp").write_bytes(_image_metadata._xmp_in_webp(data.tobytes(), PART.xmp()))
     assert xmp_of(tmp_path / "a.webp")["CroppedAreaTopPixels"] == "13"
-    with Image.open(tmp_path / "a.webp") as picture:
-        assert picture.size == (63, 41)
+    with Image.open(tmp_path / "a.webp") as image:
+        assert image.size == (63, 41)
 
 
 def test_missing_heading_is_not_written(tmp_path):
@@ -174,22 +174,22 @@ def test_image_format_without_panorama_support_raises(tmp_path, suffix):
 NESTED = {b"moov", b"trak", b"mdia", b"minf", b"stbl", b"sv3d", b"proj"}
 
 
-def atoms(data, path=b"", begin=0, end=None):
+def atoms(data, path=b"", start=0, end=None):
     """Yield all boxes of an MP4 as pairs of path and content."""
     end = len(data) if end is None else end
-    while begin < end:
-        size, kind = struct.unpack_from(">I4s", data, begin)
+    while start < end:
+        size, kind = struct.unpack_from(">I4s", data, start)
         head = 8
         if size == 1:
-            (size,), head = struct.unpack_from(">Q", data, begin + 8), 16
-        assert head <= size <= end - begin, (path, kind, size)
-        yield path + b"/" + kind, data[begin + head : begin + size]
+            (size,), head = struct.unpack_from(">Q", data, start + 8), 16
+        assert head <= size <= end - start, (path, kind, size)
+        yield path + b"/" + kind, data[start + head : start + size]
         inner = {b"stsd": 8, b"avc1": 78, b"hvc1": 78, b"hev1": 78}.get(
             kind, 0 if kind in NESTED else None
         )
         if inner is not None:
-            yield from atoms(data, path + b"/" + kind, begin + head + inner, begin + size)
-        begin += size
+            yield from atoms(data, path + b"/" + kind, start + head + inner, start + size)
+        start += size
 
 
 def grey_video(path, panorama, **more):
@@ -204,35 +204,35 @@ def grey_video(path, panorama, **more):
 def test_both_spherical_versions_are_present(tmp_path, suffix, codec, entry):
     path = tmp_path / f"a{suffix}"
     grey_video(path, PART, codec=codec)
-    found = dict(atoms(path.read_bytes()))
-    text = found[b"/moov/trak/uuid"]
+    boxes = dict(atoms(path.read_bytes()))
+    text = boxes[b"/moov/trak/uuid"]
     assert text[:16].hex() == "ffcc8263f8554a938814587a02521fdd"
-    told = {
+    fields = {
         element.tag.removeprefix(GSPHERICAL): element.text for element in ET.fromstring(text[16:])
     }
-    assert told["Spherical"] == told["Stitched"] == "true"
-    assert told["ProjectionType"] == "equirectangular"
+    assert fields["Spherical"] == fields["Stitched"] == "true"
+    assert fields["ProjectionType"] == "equirectangular"
     names = (
         "FullPanoWidthPixels",
         "FullPanoHeightPixels",
         "CroppedAreaLeftPixels",
         "CroppedAreaTopPixels",
     )
-    assert [told[name] for name in names] == ["180", "60", "60", "13"]
-    where = b"/moov/trak/mdia/minf/stbl/stsd/" + entry
-    assert found[where + b"/st3d"] == bytes(5)
-    assert found[where + b"/sv3d/svhd"][4:] == b"omnimirror\0"
-    assert struct.unpack(">3i", found[where + b"/sv3d/proj/prhd"][4:]) == (
+    assert [fields[name] for name in names] == ["180", "60", "60", "13"]
+    path_of_entry = b"/moov/trak/mdia/minf/stbl/stsd/" + entry
+    assert boxes[path_of_entry + b"/st3d"] == bytes(5)
+    assert boxes[path_of_entry + b"/sv3d/svhd"][4:] == b"omnimirror\0"
+    assert struct.unpack(">3i", boxes[path_of_entry + b"/sv3d/proj/prhd"][4:]) == (
         30 << 16,
         12.5 * 65536,
         -3.25 * 65536,
     )
-    bounds = struct.unpack(">4I", found[where + b"/sv3d/proj/equi"][4:])
+    bounds = struct.unpack(">4I", boxes[path_of_entry + b"/sv3d/proj/equi"][4:])
     assert np.array(bounds) / 2**32 == pytest.approx([13 / 60, 7 / 60, 1 / 3, 1 / 3])
     order = [
         name
         for name, _ in atoms(path.read_bytes())
-        if name.startswith(where + b"/") and name.count(b"/") == 8
+        if name.startswith(path_of_entry + b"/") and name.count(b"/") == 8
     ]
     assert [name[-4:] for name in order[:3]] == [
         order[0][-4:],

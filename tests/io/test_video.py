@@ -47,11 +47,11 @@ def clip(tmp_path_factory):
     return make_video(tmp_path_factory.mktemp("video") / "ünï clip.mp4", title="A room")
 
 
-def same(pixels, time_s):
+def unchanged(pixels, time_s):
     return pixels
 
 
-def through(source, path, function=same, pixels="image", **more):
+def process_file(source, path, function=unchanged, pixels="image", **more):
     with VideoReader(source) as reader:
         return process(
             reader.items(), VideoWriter.from_source(reader, path, **more), function, pixels
@@ -74,9 +74,11 @@ def test_duration_includes_all_frames(tmp_path, rate, suffix):
                 frame.pts, frame.time_base = number, Fraction(1, rate)
                 video.write(frame)
         with av.open(str(path)) as container:
-            lasts_s = container.duration / av.time_base
-        if (found := len(images_of(path))) != count or abs(lasts_s - count / rate) > 0.0011:
-            short.append((count, found, lasts_s))
+            duration_s = container.duration / av.time_base
+        if (count_of_frames := len(images_of(path))) != count or abs(
+            duration_s - count / rate
+        ) > 0.0011:
+            short.append((count, count_of_frames, duration_s))
     assert not short
 
 
@@ -88,7 +90,7 @@ def test_duration_includes_all_frames(tmp_path, rate, suffix):
 @pytest.mark.parametrize("pixels", ["image", "planes"])
 def test_copy_keeps_everything_except_pixels(clip, tmp_path, suffix, pixels):
     out = tmp_path / f"out{suffix}"
-    outcome = through(clip, out, pixels=pixels)
+    outcome = process_file(clip, out, pixels=pixels)
     before, after = images_of(clip), images_of(out)
     assert (outcome.frames, outcome.is_stopped, len(after)) == (50, False, 50)
     # Matroska and MPEG-TS start at 0 or later, and shift images and sound equally.
@@ -116,7 +118,7 @@ def test_copy_keeps_everything_except_pixels(clip, tmp_path, suffix, pixels):
 FIELD = cv2.resize(np.random.default_rng(4).integers(40, 200, (6, 8, 3), np.uint8), SIZE)
 
 
-def make_turned(path, rotation, pixel_format="yuv420p"):
+def write_rotated(path, rotation, pixel_format="yuv420p"):
     """Write a video of one image that differs in all orientations."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=25, options={"crf": "1"})
@@ -133,23 +135,23 @@ def make_turned(path, rotation, pixel_format="yuv420p"):
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 @pytest.mark.parametrize("rotation", [90, -90, 180])
 def test_rotation_equals_opencv(tmp_path, rotation, suffix):
-    source = make_turned(tmp_path / f"a{suffix}", rotation)
-    shown = cv2.VideoCapture(str(source)).read()[1][..., ::-1]
+    source = write_rotated(tmp_path / f"a{suffix}", rotation)
+    expected = cv2.VideoCapture(str(source)).read()[1][..., ::-1]
     with VideoReader(source) as reader:
         frames = list(reader.frames())
-        assert reader.size == (frames[0].width, frames[0].height) == shown.shape[1::-1]
+        assert reader.size == (frames[0].width, frames[0].height) == expected.shape[1::-1]
         assert "--set input.stored_orientation=true" in reader.notes[0]
     assert len(frames) == 3
     for frame in frames:
-        assert np.abs(image_of_frame(frame).astype(int) - shown).max() <= 1
-    through(source, tmp_path / f"b{suffix}")
-    (written, *_) = images_of(tmp_path / f"b{suffix}")
-    assert (written.rotation, written.width, written.height) == (0, *shown.shape[1::-1])
+        assert np.abs(image_of_frame(frame).astype(int) - expected).max() <= 1
+    process_file(source, tmp_path / f"b{suffix}")
+    (output, *_) = images_of(tmp_path / f"b{suffix}")
+    assert (output.rotation, output.width, output.height) == (0, *expected.shape[1::-1])
 
 
 @pytest.mark.parametrize("rotation", [90, 180])
 def test_stored_orientation_option(tmp_path, rotation):
-    source = make_turned(tmp_path / "a.mp4", rotation)
+    source = write_rotated(tmp_path / "a.mp4", rotation)
     with VideoReader(source, stored_orientation=True) as reader:
         (frame, *_) = reader.frames()
         assert reader.size == (frame.width, frame.height) == SIZE
@@ -159,7 +161,7 @@ def test_stored_orientation_option(tmp_path, rotation):
 
 
 def test_rotation_by_other_angle_is_reported(tmp_path):
-    with VideoReader(make_turned(tmp_path / "a.mp4", 30)) as reader:
+    with VideoReader(write_rotated(tmp_path / "a.mp4", 30)) as reader:
         assert reader.size == SIZE
         assert "not a multiple of 90 deg and is not applied" in reader.notes[0]
 
@@ -173,11 +175,11 @@ def test_frames_are_oriented_as_images(number, name, size):
     image = cv2.resize(FIELD, size)
     frame = converted(av.VideoFrame.from_ndarray(image, "rgb24"), name)
     frame.pts, frame.time_base = 7, Fraction(1, 25)
-    turned = upright(frame, number)
-    assert (turned.pts, turned.time_base) == (7, Fraction(1, 25))
+    rotated = upright(frame, number)
+    assert (rotated.pts, rotated.time_base) == (7, Fraction(1, 25))
     before, after = (
         np.stack(planes(converted(part, "yuv444p16le", interpolation=2))) / 256
-        for part in (frame, turned)
+        for part in (frame, rotated)
     )
     expected = np.stack([oriented(plane, number) for plane in before])
     assert np.abs(after[0] - expected[0]).max() < 1.1  # luma; chroma may be interpolated
@@ -189,7 +191,7 @@ def test_frames_are_oriented_as_images(number, name, size):
 @pytest.mark.parametrize("pixels", ["image", "planes"])
 def test_colours_are_unchanged(tmp_path, space, colour_range, pixels):
     source = make_video(tmp_path / "a.mp4", 5, colour_range=colour_range, colour_space=space)
-    through(source, tmp_path / "b.mp4", pixels=pixels, crf=5)
+    process_file(source, tmp_path / "b.mp4", pixels=pixels, crf=5)
     a, b = images_of(source)[3], images_of(tmp_path / "b.mp4")[3]
     assert (b.color_range, b.colorspace) == (a.color_range, a.colorspace) == (colour_range, space)
     for plane_a, plane_b in zip(planes(a), planes(b), strict=True):
@@ -200,7 +202,7 @@ def test_colours_are_unchanged(tmp_path, space, colour_range, pixels):
 def test_full_range_is_converted_if_unsupported(tmp_path):
     source = make_video(tmp_path / "a.mp4", 5, colour_range=2)
     for pixels in ("image", "planes"):
-        through(
+        process_file(
             source,
             tmp_path / "b.mkv",
             pixels=pixels,
@@ -215,7 +217,7 @@ def test_full_range_is_converted_if_unsupported(tmp_path):
 def test_variable_frame_times_are_preserved(tmp_path):
     times = [0, 1, 2, 7, 8, 20, 21, 22, 40]
     source = make_video(tmp_path / "a.mp4", times=times)
-    through(source, tmp_path / "b.mp4")
+    process_file(source, tmp_path / "b.mp4")
     assert [round(frame.time * 25, 6) for frame in images_of(tmp_path / "b.mp4")] == times
 
 
@@ -234,7 +236,7 @@ def test_start_and_duration_are_exact(clip, tmp_path, suffix, start, duration, f
     source = clip if suffix == ".mp4" else make_video(tmp_path / "a.mkv")
     with VideoReader(source, start, duration) as reader:
         assert abs(reader.expected_frames - count) <= 1
-        process(reader.items(), VideoWriter.from_source(reader, tmp_path / "b.mp4"), same)
+        process(reader.items(), VideoWriter.from_source(reader, tmp_path / "b.mp4"), unchanged)
     frames = images_of(tmp_path / "b.mp4")
     assert [number_of(frame) for frame in frames] == [i % 9 for i in range(first, first + count)]
     assert frames[0].time == pytest.approx(first / 25 - start, abs=1e-3)
@@ -261,15 +263,15 @@ def test_audio_packets_keep_stream_after_reading(clip):
 
 
 def test_function_receives_frames_in_order_with_time(clip, tmp_path):
-    seen = []
+    calls = []
 
-    def note(picture, time_s):
-        seen.append((round(time_s * 25), picture.shape))
+    def note(image, time_s):
+        calls.append((round(time_s * 25), image.shape))
         assert threading.current_thread() is threading.main_thread()
-        return picture[:24, :32]
+        return image[:24, :32]
 
-    through(clip, tmp_path / "b.mp4", note, size=(32, 24))
-    assert seen == [(i, (48, 64, 3)) for i in range(50)]
+    process_file(clip, tmp_path / "b.mp4", note, size=(32, 24))
+    assert calls == [(i, (48, 64, 3)) for i in range(50)]
     assert (images_of(tmp_path / "b.mp4")[0].width, len(sound_of(tmp_path / "b.mp4"))) == (
         32,
         len(sound_of(clip)),
@@ -278,34 +280,34 @@ def test_function_receives_frames_in_order_with_time(clip, tmp_path):
 
 def test_planes_can_be_filled_without_a_copy(clip, tmp_path):
     def invert(parts, time_s):
-        frame, into = empty_frame(SIZE)
-        for part, out in zip(parts, into, strict=True):
+        frame, targets = empty_frame(SIZE)
+        for part, out in zip(parts, targets, strict=True):
             np.subtract(255, part, out=out)
         return frame
 
-    through(clip, tmp_path / "b.mp4", invert, "planes", crf=5)
+    process_file(clip, tmp_path / "b.mp4", invert, "planes", crf=5)
     lumas = [luma_of(frame) for frame in images_of(tmp_path / "b.mp4")]
     assert max(abs(luma - 255 + grey_of(i)) for i, luma in enumerate(lumas)) <= 4
 
 
 def test_progress_reports(clip, tmp_path):
-    told = []
+    updates = []
     with VideoReader(clip) as reader:
         process(
             reader.items(),
             VideoWriter.from_source(reader, tmp_path / "b.mp4"),
-            same,
-            on_progress=told.append,
+            unchanged,
+            on_progress=updates.append,
             total=50,
         )
-    assert (told[-1].done, told[-1].total, told[-1].remaining_s) == (50, 50, 0)
-    assert told[-1].rate > 0
+    assert (updates[-1].done, updates[-1].total, updates[-1].remaining_s) == (50, 50, 0)
+    assert updates[-1].rate > 0
 
 
-def coded(path, codec, pixel_format, colour=None):
+def write_coded(path, codec, pixel_format, colour=None):
     """Write two frames of a smooth image, by PyAV only."""
     v, u = np.mgrid[0:48, 0:64]
-    picture = np.dstack([u * 4, v * 5, 200 - u, 255 - u * 3]).astype(np.uint8)
+    image = np.dstack([u * 4, v * 5, 200 - u, 255 - u * 3]).astype(np.uint8)
     with av.open(str(path), "w") as container:
         # Without B-frames: the decoding time of the first of two frames is undefined in x265
         parameters = "log-level=none:bframes=0"
@@ -314,7 +316,7 @@ def coded(path, codec, pixel_format, colour=None):
         stream.width, stream.height, stream.pix_fmt = *SIZE, pixel_format
         (colour or ColourCoding()).apply_to(stream.codec_context)
         for i in range(2):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgba").reformat(format=pixel_format)
+            frame = av.VideoFrame.from_ndarray(image, format="rgba").reformat(format=pixel_format)
             (colour or ColourCoding()).apply_to(frame)
             frame.pts, frame.time_base = i, Fraction(1, 25)
             container.mux(stream.encode(frame))
@@ -326,7 +328,7 @@ HDR = ColourCoding(1, 9, 9, 16)
 
 
 @pytest.mark.parametrize(
-    ("source", "codec", "pixel_format", "out", "more", "kept", "lost"),
+    ("source", "codec", "pixel_format", "out", "more", "output_format", "loss"),
     [
         ("a.mp4", "libx265", "yuv420p10le", "o.mp4", {}, "yuv420p10le", ""),
         ("a.mkv", "ffv1", "yuv422p10le", "o.mp4", {}, "yuv422p10le", ""),
@@ -364,27 +366,27 @@ HDR = ColourCoding(1, 9, 9, 16)
     ],
 )
 def test_lost_depth_chroma_or_transparency_is_reported(
-    tmp_path, source, codec, pixel_format, out, more, kept, lost
+    tmp_path, source, codec, pixel_format, out, more, output_format, loss
 ):
-    coded(tmp_path / source, codec, pixel_format, HDR if codec == "libx265" else None)
+    write_coded(tmp_path / source, codec, pixel_format, HDR if codec == "libx265" else None)
     with VideoReader(tmp_path / source) as reader:
         writer = VideoWriter.from_source(reader, tmp_path / out, **more)
-        process(reader.items(), writer, same, "frame")
+        process(reader.items(), writer, unchanged, "frame")
     a, b = images_of(tmp_path / source)[0], images_of(tmp_path / out)[0]
-    assert b.format.name == kept
+    assert b.format.name == output_format
     assert ColourCoding.of(b) == ColourCoding.of(a) if codec == "libx265" else True
-    assert [lost in note for note in writer.notes] == ([True] if lost else [])
-    if "RGB" in lost:  # its planes as YUV depend on an unspecified matrix
+    assert [loss in note for note in writer.notes] == ([True] if loss else [])
+    if "RGB" in loss:  # its planes as YUV depend on an unspecified matrix
         before, after = (image_of_frame(frame).astype(int) for frame in (a, b))
         assert np.abs(before - after)[4:-4, 4:-4].mean() < 80 * 255 / 4095
         return
     before, after = (planes(converted(frame, "yuva444p12le")) for frame in (a, b))
-    for one, other in zip(before[: 3 if "transparency" in lost else 4], after, strict=False):
+    for one, other in zip(before[: 3 if "transparency" in loss else 4], after, strict=False):
         assert np.abs(one.astype(int) - other)[4:-4, 4:-4].mean() < 80  # range of values: 4095
 
 
 def test_hdr_losses_are_reported(tmp_path):
-    coded(tmp_path / "a.mkv", "libx265", "yuv420p10le", HDR)
+    write_coded(tmp_path / "a.mkv", "libx265", "yuv420p10le", HDR)
     with (
         VideoReader(tmp_path / "a.mkv") as reader,
         VideoWriter.from_source(reader, tmp_path / "b.mkv", codec="mpeg4") as b,
@@ -456,7 +458,7 @@ def test_truncated_video_keeps_readable_frames(tmp_path, suffix, capfd):
     part = tmp_path / f"part{suffix}"
     part.write_bytes(data[: int(len(data) * 0.7)])
     with pytest.raises(MediaError, match=r"part.* is (truncated|damaged).* decoded frames") as e:
-        through(part, tmp_path / f"out{suffix}")
+        process_file(part, tmp_path / f"out{suffix}")
     assert "\n" not in str(e.value)
     frames = images_of(tmp_path / f"out{suffix}")
     assert 5 < len(frames) < 50
@@ -475,7 +477,7 @@ def test_damaged_video_keeps_decodable_frames(clip, tmp_path):
         MediaError,
         match=r"a.mp4 is damaged: cannot decode \d+ of 50 frames; decoded \d+",
     ):
-        through(tmp_path / "a.mp4", tmp_path / "b.mp4")
+        process_file(tmp_path / "a.mp4", tmp_path / "b.mp4")
     assert 25 <= len(images_of(tmp_path / "b.mp4")) <= 48
 
 
@@ -562,13 +564,13 @@ def test_error_keeps_existing_file(clip, tmp_path, error):
     out.write_text("precious")
     before = set(threading.enumerate())
 
-    def fail(picture, time_s):
+    def fail(image, time_s):
         if time_s > 1:
             raise error
-        return picture
+        return image
 
     with pytest.raises(type(error), match="half way"):
-        through(clip, out, fail)
+        process_file(clip, out, fail)
     assert out.read_text() == "precious"
     assert list(tmp_path.iterdir()) == [out]
     assert (
@@ -608,20 +610,20 @@ from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
 
-source, out, most = sys.argv[1], sys.argv[2], int(sys.argv[3])  # frames before Ctrl-C
-seen = 0
+source, out, max_frames = sys.argv[1], sys.argv[2], int(sys.argv[3])  # frames before Ctrl-C
+count = 0
 
-def counted(picture, time_s):
-    global seen
-    seen += 1
+def count_frame(image, time_s):
+    global count
+    count += 1
     print("frame", flush=True)
-    while seen == most and not interrupts.is_pending():
+    while count == max_frames and not interrupts.is_pending():
         time.sleep(0.01)
-    return picture
+    return image
 
 try:
     reader = VideoReader(source)
-    outcome = process(reader.items(), VideoWriter.from_source(reader, out), counted)
+    outcome = process(reader.items(), VideoWriter.from_source(reader, out), count_frame)
     print(outcome.exit_code, outcome.frames, flush=True)
 except OmnimirrorError as e:
     sys.exit(f"omnimirror: {e}")
@@ -713,7 +715,7 @@ def test_unplayable_output_of_killed_run_is_removed(tmp_path):
 
 
 def test_finished_mp4_is_not_fragmented(clip, tmp_path):
-    through(clip, tmp_path / "a.mp4")
+    process_file(clip, tmp_path / "a.mp4")
     with av.open(str(tmp_path / "a.mp4")) as container:
         assert container.streams.video[0].frames == 50
     boxes, data = [], (tmp_path / "a.mp4").read_bytes()

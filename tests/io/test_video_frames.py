@@ -37,7 +37,7 @@ def bar(field: int) -> np.ndarray:
     return np.where((x >= 0) & (x < 8), 200, 50)
 
 
-def marked(frames, mode):
+def mark_fields(frames, mode):
     """Set the field order of frames."""
     graph = Graph()
     source = graph.add_buffer(
@@ -52,7 +52,7 @@ def marked(frames, mode):
         yield graph.pull()
 
 
-def make(path, mode):
+def write_film(path, mode):
     def frames():
         for i in range(COUNT):
             frame = av.VideoFrame(WIDTH, HEIGHT, "yuv420p")
@@ -66,13 +66,13 @@ def make(path, mode):
         options = {"crf": "1", **({} if mode == "prog" else {"x264-params": f"{mode}=1"})}
         stream = container.add_stream("libx264", rate=25, options=options)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        for frame in marked(frames(), mode):
+        for frame in mark_fields(frames(), mode):
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
     return path
 
 
-def places(frame) -> np.ndarray:
+def bar_positions(frame) -> np.ndarray:
     """Return the bar position in each line."""
     light = planes(frame)[0].astype(float) - 50
     return (light * np.arange(WIDTH)).sum(axis=1) / light.sum(axis=1)
@@ -80,28 +80,28 @@ def places(frame) -> np.ndarray:
 
 @pytest.mark.parametrize("mode", ["tff", "bff"])
 def test_deinterlaced_frames_show_one_field(tmp_path, mode):
-    with VideoReader(make(tmp_path / "a.mp4", mode)) as reader:
+    with VideoReader(write_film(tmp_path / "a.mp4", mode)) as reader:
         assert "is interlaced" in reader.notes[0]
         frames = list(reader.frames())
     assert [frame.time for frame in frames] == pytest.approx([i / 25 for i in range(COUNT)])
     for i, frame in enumerate(frames[1:-1], 1):  # neighbours are missing at the ends
-        np.testing.assert_allclose(places(frame), 11.5 + 2 * STEP * i, atol=0.5)
+        np.testing.assert_allclose(bar_positions(frame), 11.5 + 2 * STEP * i, atol=0.5)
         assert not frame.interlaced_frame
 
 
 def test_part_of_interlaced_video_has_exact_limits(tmp_path):
-    with VideoReader(make(tmp_path / "a.mp4", "bff"), 0.08, 0.08) as reader:
+    with VideoReader(write_film(tmp_path / "a.mp4", "bff"), 0.08, 0.08) as reader:
         frames = list(reader.frames())
     assert [frame.time for frame in frames] == pytest.approx([0, 0.04])
-    np.testing.assert_allclose(np.median(places(frames[0])), 11.5 + 2 * STEP * 2, atol=0.5)
+    np.testing.assert_allclose(np.median(bar_positions(frames[0])), 11.5 + 2 * STEP * 2, atol=0.5)
 
 
 def test_progressive_frames_are_unchanged(tmp_path):
     """Including combing patterns without an interlace flag."""
-    with VideoReader(make(tmp_path / "a.mp4", "prog")) as reader:
+    with VideoReader(write_film(tmp_path / "a.mp4", "prog")) as reader:
         assert reader.notes == []
         frame = list(reader.frames())[2]
-    assert np.ptp(places(frame)) > STEP - 1
+    assert np.ptp(bar_positions(frame)) > STEP - 1
 
 
 # -- RGB order of colours in Python for all programs and interfaces --------------------------------
@@ -118,19 +118,19 @@ def orange(size=(64, 64)) -> np.ndarray:
     return np.full((size[1], size[0], 3), ORANGE, np.uint8)
 
 
-def by_pillow(path: Path, size=(64, 64)) -> Path:
+def write_with_pillow(path: Path, size=(64, 64)) -> Path:
     Image.new("RGB", size, ORANGE).save(path)
     return path
 
 
-def seen_by_pillow(path: Path) -> np.ndarray:
-    with Image.open(path) as picture:
-        return np.asarray(picture.convert("RGB"))
+def read_with_pillow(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
 
 
-def assert_orange(picture: np.ndarray, tolerance: float = 0.0) -> None:
+def assert_orange(image: np.ndarray, tolerance: float = 0.0) -> None:
     """Check the centre of the image."""
-    middle = picture[picture.shape[0] // 2, picture.shape[1] // 2, :3].astype(float)
+    middle = image[image.shape[0] // 2, image.shape[1] // 2, :3].astype(float)
     np.testing.assert_allclose(middle, ORANGE, atol=tolerance)
 
 
@@ -173,9 +173,9 @@ def deep_tiff(path: Path, kind: str) -> Path:
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp"])
 def test_pillow_interoperability(tmp_path, suffix):
     tolerance = {".jpg": 2, ".webp": 3}.get(suffix, 0)
-    assert_orange(om.read_image(by_pillow(tmp_path / f"theirs{suffix}")), tolerance)
+    assert_orange(om.read_image(write_with_pillow(tmp_path / f"theirs{suffix}")), tolerance)
     om.write_image(tmp_path / f"ours{suffix}", orange())
-    assert_orange(seen_by_pillow(tmp_path / f"ours{suffix}"), 2 if suffix == ".jpg" else 0)
+    assert_orange(read_with_pillow(tmp_path / f"ours{suffix}"), 2 if suffix == ".jpg" else 0)
 
 
 @pytest.mark.parametrize(("suffix", "alpha"), [(".png", 99), (".tif", 255), (".webp", 99)])
@@ -185,8 +185,8 @@ def test_alpha_is_last_channel(tmp_path, suffix, alpha):
     Image.new("RGBA", (8, 8), colour).save(tmp_path / f"theirs{suffix}", lossless=True)
     assert om.read_image(tmp_path / f"theirs{suffix}")[4, 4].tolist() == [*colour]
     om.write_image(tmp_path / f"ours{suffix}", np.full((8, 8, 4), colour, np.uint8))
-    with Image.open(tmp_path / f"ours{suffix}") as picture:
-        assert picture.convert("RGBA").getpixel((4, 4)) == colour
+    with Image.open(tmp_path / f"ours{suffix}") as image:
+        assert image.convert("RGBA").getpixel((4, 4)) == colour
 
 
 def test_deep_files_from_raw_bytes(tmp_path):
@@ -222,8 +222,8 @@ def test_openexr_names_its_channels(tmp_path):
 def test_encoded_images_have_rgb_order(tmp_path):
     (tmp_path / "a.png").write_bytes(encoded(orange(), ".png"))
     (tmp_path / "a.jpg").write_bytes(encoded(orange(), ".jpg", [cv2.IMWRITE_JPEG_QUALITY, 90]))
-    assert_orange(seen_by_pillow(tmp_path / "a.png"))
-    assert_orange(seen_by_pillow(tmp_path / "a.jpg"), 3)
+    assert_orange(read_with_pillow(tmp_path / "a.png"))
+    assert_orange(read_with_pillow(tmp_path / "a.jpg"), 3)
 
 
 def omnimirror(*args) -> None:
@@ -256,26 +256,26 @@ def frames_by_pyav(path: Path) -> list[np.ndarray]:
 
 def test_frames_of_a_video(tmp_path):
     film_by_pyav(tmp_path / "theirs.mkv")
-    taken: list[np.ndarray] = []
+    images: list[np.ndarray] = []
 
-    def keep(picture, time_s):
-        taken.append(picture)
-        return picture
+    def append(image, time_s):
+        images.append(image)
+        return image
 
     with (
         VideoReader(tmp_path / "theirs.mkv") as reader,
-        VideoReader(tmp_path / "theirs.mkv") as again,
+        VideoReader(tmp_path / "theirs.mkv") as reopened,
     ):
-        assert_orange(image_of_frame(next(again.frames())))
-        process(reader.items(), VideoWriter(tmp_path / "ours.mp4", (64, 64), 25, crf=1), keep)
-    assert_orange(taken[1])
+        assert_orange(image_of_frame(next(reopened.frames())))
+        process(reader.items(), VideoWriter(tmp_path / "ours.mp4", (64, 64), 25, crf=1), append)
+    assert_orange(images[1])
     assert_orange(frames_by_pyav(tmp_path / "ours.mp4")[1], 6)
 
 
 @pytest.mark.parametrize("channels", [3, 4])
 def test_frames_of_images(channels):
-    picture = np.dstack([orange(), np.full((64, 64), 255, np.uint8)])[..., :channels]
-    frame = frame_of_image(np.ascontiguousarray(picture))
+    image = np.dstack([orange(), np.full((64, 64), 255, np.uint8)])[..., :channels]
+    frame = frame_of_image(np.ascontiguousarray(image))
     assert_orange(frame.to_ndarray(format="rgb24"))
     assert_orange(image_of_frame(frame.reformat(format="yuv444p")), 6)
 
@@ -295,14 +295,14 @@ def test_video_dewarped_by_command_line(tmp_path, capfdbinary):
 
 
 def test_images_dewarped(tmp_path):
-    assert_orange(om.Dewarper(BALL, VIEW)(om.read_image(by_pillow(tmp_path / "a.png"))))
+    assert_orange(om.Dewarper(BALL, VIEW)(om.read_image(write_with_pillow(tmp_path / "a.png"))))
     assert om.Dewarper(BALL, VIEW)(orange(), transparent=True)[12, 16].tolist() == [*ORANGE, 255]
     all_around = om.Dewarper(BALL, om.screens.Equirectangular((64, 32)), border=(1, 2, 3))
     assert (all_around(orange())[~all_around.valid] == [1, 2, 3]).all()
 
 
 def test_images_dewarped_by_command_line(tmp_path):
-    by_pillow(tmp_path / "a.png")
+    write_with_pillow(tmp_path / "a.png")
     args = (
         *BALL_OPTIONS,
         "--view",
@@ -315,7 +315,7 @@ def test_images_dewarped_by_command_line(tmp_path):
         "linear",
     )
     omnimirror("dewarp", tmp_path / "a.png", *args, "-o", tmp_path / "b.png")
-    colours = {tuple(c) for c in seen_by_pillow(tmp_path / "b.png").reshape(-1, 3).tolist()}
+    colours = {tuple(c) for c in read_with_pillow(tmp_path / "b.png").reshape(-1, 3).tolist()}
     assert colours == {ORANGE, (0x0A, 0x14, 0x1E)}
 
 
@@ -325,18 +325,18 @@ def sensor() -> om.Sensor:
 
 
 def test_images_rendered_and_restored(sensor, tmp_path):
-    by_pillow(tmp_path / "world.png", (128, 64))
-    picture = om.render_image(sensor, om.Environment.load(tmp_path / "world.png"), samples=1)
-    assert_orange(picture)
-    om.write_image(tmp_path / "a.png", picture)
-    assert_orange(seen_by_pillow(tmp_path / "a.png"))
-    assert_orange(om.restore(sensor, picture, noise=0.01), 2)
+    write_with_pillow(tmp_path / "world.png", (128, 64))
+    image = om.render_image(sensor, om.Environment.load(tmp_path / "world.png"), samples=1)
+    assert_orange(image)
+    om.write_image(tmp_path / "a.png", image)
+    assert_orange(read_with_pillow(tmp_path / "a.png"))
+    assert_orange(om.restore(sensor, image, noise=0.01), 2)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".hdr", ".exr"])
 def test_images_rendered_by_command_line(sensor, tmp_path, suffix):
     om.save_sensor(sensor, tmp_path / "small.toml")
-    by_pillow(tmp_path / "world.png", (128, 64))
+    write_with_pillow(tmp_path / "world.png", (128, 64))
     out = tmp_path / f"a{suffix}"
     omnimirror(
         "simulate",
@@ -349,7 +349,7 @@ def test_images_rendered_by_command_line(sensor, tmp_path, suffix):
         out,
     )
     if suffix == ".png":
-        assert_orange(seen_by_pillow(out))
+        assert_orange(read_with_pillow(out))
     else:
         light = om.read_image(out)[32, 32, :3]
         np.testing.assert_allclose(

@@ -39,7 +39,7 @@ CHAPTERS = [(0, 1000, "First"), (1000, 2000, "Second")]
 BALL = om.MirrorBall(centre_px=(31.5, 23.5), rim_radius_px=22.0, field_deg=300.0, image_size=SIZE)
 
 
-def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=True):
+def write_film(path, start_ms=0, seconds=2, languages=("deu", "eng"), subtitles=True):
     """Write frames, two audio tracks, text subtitles and chapters, all delayed by begins_ms."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=25, options={"preset": "ultrafast", "bf": "0"})
@@ -49,16 +49,16 @@ def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=
             sound.metadata["language"] = language
         sounds[-1].metadata["title"] = "Comment"
         kind = "mov_text" if path.suffix in (".mp4", ".mov") else "subrip"
-        words = container.add_stream(kind) if subtitles else None
-        if words:
-            words.codec_context.subtitle_header, words.codec_context.time_base = HEADER, MS
-            words.time_base, words.metadata["language"] = MS, "fra"
+        subtitle = container.add_stream(kind) if subtitles else None
+        if subtitle:
+            subtitle.codec_context.subtitle_header, subtitle.codec_context.time_base = HEADER, MS
+            subtitle.time_base, subtitle.metadata["language"] = MS, "fra"
         container.set_chapters(
             [
                 {
                     "id": i,
-                    "start": a + begins_ms,
-                    "end": b + begins_ms,
+                    "start": a + start_ms,
+                    "end": b + start_ms,
                     "time_base": MS,
                     "metadata": {"title": title},
                 }
@@ -69,26 +69,26 @@ def make_film(path, begins_ms=0, seconds=2, languages=("deu", "eng"), subtitles=
             frame = av.VideoFrame.from_ndarray(
                 np.full((SIZE[1], SIZE[0], 3), 5 * number % 250, np.uint8), "rgb24"
             )
-            frame.pts, frame.time_base = number * 40 + begins_ms, MS
+            frame.pts, frame.time_base = number * 40 + start_ms, MS
             container.mux(video.encode(frame))
         container.mux(video.encode(None))
-        for start, duration, text in TEXTS if words else ():
+        for start, duration, text in TEXTS if subtitle else ():
             data = text.encode()
             packet = av.Packet(struct.pack(">H", len(data)) + data if kind == "mov_text" else data)
-            packet.stream, packet.time_base = words, MS
-            packet.pts = packet.dts = start + begins_ms
+            packet.stream, packet.time_base = subtitle, MS
+            packet.pts = packet.dts = start + start_ms
             packet.duration = duration
             container.mux(packet)
         for sound in sounds:
             for sample in range(0, 48000 * seconds, 1536):
                 frame = tone(sample, 1536)
-                frame.pts = sample + begins_ms * 48
+                frame.pts = sample + start_ms * 48
                 container.mux(sound.encode(frame))
             container.mux(sound.encode(None))
     return path
 
 
-def through(source, path, **cut):
+def process_file(source, path, **cut):
     with VideoReader(source, **cut) as reader:
         writer = VideoWriter.from_source(reader, path)
         process(reader.items(), writer, lambda frame, time_s: frame, "frame")
@@ -116,22 +116,24 @@ def tracks_of(path):
             assert stream.language == "fra"
             for packet in container.demux(stream):
                 for text in stream.codec_context.decode2(packet) or () if packet.size else ():
-                    words = (
+                    subtitle = (
                         text.dialogue.decode()
                         if isinstance(text.dialogue, bytes)
                         else text.dialogue
                     )
-                    if words:
-                        at = float(packet.pts * packet.time_base)
-                        texts.append((at, float(packet.duration * packet.time_base), words.strip()))
+                    if subtitle:
+                        time_s = float(packet.pts * packet.time_base)
+                        texts.append(
+                            (time_s, float(packet.duration * packet.time_base), subtitle.strip())
+                        )
         return chapters, languages, titles, texts
 
 
 @pytest.mark.parametrize("target", [".mkv", ".mp4", ".m4v", ".mov"])
 @pytest.mark.parametrize("source", [".mkv", ".mp4"])
 def test_tracks_are_preserved(tmp_path, source, target):
-    make_film(tmp_path / f"a{source}")
-    notes = through(tmp_path / f"a{source}", tmp_path / f"b{target}")
+    write_film(tmp_path / f"a{source}")
+    notes = process_file(tmp_path / f"a{source}", tmp_path / f"b{target}")
     assert len(notes) == (target == ".m4v")
     before, after = tracks_of(tmp_path / f"a{source}"), tracks_of(tmp_path / f"b{target}")
     assert before[0] == [(0, 1, "First"), (1, 2, "Second")]
@@ -147,23 +149,23 @@ def test_tracks_are_preserved(tmp_path, source, target):
     np.testing.assert_allclose([t[:2] for t in after[3]], [(0.2, 0.7), (1.0, 0.5)], atol=0.006)
 
 
-@pytest.mark.parametrize("begins_ms", [0, 1200])
-def test_pauses_between_subtitles_are_kept(tmp_path, monkeypatch, begins_ms):
+@pytest.mark.parametrize("start_ms", [0, 1200])
+def test_pauses_between_subtitles_are_kept(tmp_path, monkeypatch, start_ms):
     """MP4 has samples without text in pauses; a copy of those delayed the texts after them."""
     texts = [(120, 900, "First"), (1500, 300, "Second"), (2600, 300, "Third")]
     monkeypatch.setattr(sys.modules[__name__], "TEXTS", texts)
-    make_film(tmp_path / "a.mp4", begins_ms, seconds=3)
-    through(tmp_path / "a.mp4", tmp_path / "b.mp4")
-    times = [((at + begins_ms) / 1000, duration / 1000) for at, duration, _ in texts]
-    found = tracks_of(tmp_path / "b.mp4")[3]
-    assert [text for *_, text in found] == ["First", "Second", "Third"]
-    np.testing.assert_allclose([text[:2] for text in found], times, atol=2e-3)
+    write_film(tmp_path / "a.mp4", start_ms, seconds=3)
+    process_file(tmp_path / "a.mp4", tmp_path / "b.mp4")
+    times = [((time_s + start_ms) / 1000, duration / 1000) for time_s, duration, _ in texts]
+    subtitles = tracks_of(tmp_path / "b.mp4")[3]
+    assert [text for *_, text in subtitles] == ["First", "Second", "Third"]
+    np.testing.assert_allclose([text[:2] for text in subtitles], times, atol=2e-3)
 
 
 GPMF = [b"DEVC\0\0\0\4" + bytes([second] * 4) for second in range(2)]
 
 
-def add_data(source, path, codec):
+def write_with_data(source, path, codec):
     """Write a copy of the video and audio of a file with a data track of two packets."""
     with av.open(str(source)) as old, av.open(str(path), "w") as new:
         streams = {
@@ -191,12 +193,12 @@ def add_data(source, path, codec):
 def data_of(path):
     """Return codec, handler and packets (s, bytes) of the data tracks, as FFmpeg reads them."""
     with av.open(str(path)) as container:
-        begin = float(container.start_time / av.time_base) if path.suffix == ".ts" else 0.0
+        start_s = float(container.start_time / av.time_base) if path.suffix == ".ts" else 0.0
         packets = {stream.index: [] for stream in container.streams.data}
         for packet in container.demux():
             if packet.size and packet.stream_index in packets:
                 packets[packet.stream_index].append(
-                    (float(packet.pts * packet.time_base) - begin, bytes(packet))
+                    (float(packet.pts * packet.time_base) - start_s, bytes(packet))
                 )
         return [
             (stream.name, stream.metadata.get("handler_name"), packets[stream.index])
@@ -205,7 +207,7 @@ def data_of(path):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "codec", "target", "lost"),
+    ("suffix", "codec", "target", "message"),
     [
         (".mp4", "bin_data", ".mp4", ""),
         (
@@ -228,15 +230,15 @@ def data_of(path):
         (".ts", "bin_data", ".ts", "a.ts: dropped data track 2 (bin_data)"),
     ],
 )
-def test_lost_data_tracks_are_reported(tmp_path, suffix, codec, target, lost):
-    make_film(tmp_path / f"film{suffix}", languages=("eng",), subtitles=False)
-    source = add_data(tmp_path / f"film{suffix}", tmp_path / f"a{suffix}", codec)
+def test_lost_data_tracks_are_reported(tmp_path, suffix, codec, target, message):
+    write_film(tmp_path / f"film{suffix}", languages=("eng",), subtitles=False)
+    source = write_with_data(tmp_path / f"film{suffix}", tmp_path / f"a{suffix}", codec)
     (before,) = data_of(source)
     assert (before[0], len(before[2])) == (codec, 2)
-    notes = through(source, tmp_path / f"b{target}")
+    notes = process_file(source, tmp_path / f"b{target}")
     after = data_of(tmp_path / f"b{target}")
-    if lost:
-        assert sum(lost in note for note in notes) == 1
+    if message:
+        assert sum(message in note for note in notes) == 1
         assert not after
         return
     assert not notes
@@ -245,46 +247,46 @@ def test_lost_data_tracks_are_reported(tmp_path, suffix, codec, target, lost):
     # The start of an MPEG-TS file is that of its audio, which AC-3 priming shifts by 5.3 ms.
     np.testing.assert_allclose([t for t, _ in after[0][2]], [t for t, _ in before[2]], atol=0.006)
     if suffix == ".mp4":
-        through(source, tmp_path / "cut.mp4", start_s=0.5)
+        process_file(source, tmp_path / "cut.mp4", start_s=0.5)
         assert data_of(tmp_path / "cut.mp4")[0][2] == [(0.5, GPMF[1])]
 
 
 def test_data_tracks_of_unknown_kinds_are_named(tmp_path):
     """Timed metadata of phones (mebx), which FFmpeg can read and not write."""
-    make_film(tmp_path / "film.mp4", languages=("eng",), subtitles=False)
-    source = add_data(tmp_path / "film.mp4", tmp_path / "a.mp4", "bin_data")
+    write_film(tmp_path / "film.mp4", languages=("eng",), subtitles=False)
+    source = write_with_data(tmp_path / "film.mp4", tmp_path / "a.mp4", "bin_data")
     data = source.read_bytes()
     assert data.count(b"gpmd") == 2
     source.write_bytes(data.replace(b"gpmd", b"mebx"))
-    notes = through(source, tmp_path / "b.mp4")
+    notes = process_file(source, tmp_path / "b.mp4")
     assert [note.split(": ", 1)[1] for note in notes] == ["dropped data track 2 (GoPro MET)"]
     assert not data_of(tmp_path / "b.mp4")
 
 
 @pytest.mark.parametrize("target", [".mkv", ".mp4", ".mov"])
-@pytest.mark.parametrize("begins_ms", [1200, 40])
-def test_start_time_is_preserved(tmp_path, begins_ms, target):
-    make_film(tmp_path / "a.mkv", begins_ms)
-    through(tmp_path / "a.mkv", tmp_path / f"b{target}")
+@pytest.mark.parametrize("start_ms", [1200, 40])
+def test_start_time_is_preserved(tmp_path, start_ms, target):
+    write_film(tmp_path / "a.mkv", start_ms)
+    process_file(tmp_path / "a.mkv", tmp_path / f"b{target}")
     with av.open(str(tmp_path / "a.mkv")) as before, av.open(str(tmp_path / f"b{target}")) as after:
-        assert before.start_time == begins_ms * 1000
+        assert before.start_time == start_ms * 1000
         for a, b in zip(before.streams.video + before.streams.audio, after.streams, strict=False):
             primed = (
                 0 if a.type == "video" else Fraction(256, 48000)
             )  # AC-3 starts earlier, which MP4 counts
             assert abs(b.start_time * b.time_base - a.start_time * a.time_base) <= primed + MS
         times = [float(frame.time) for frame in after.decode(video=0)]
-    np.testing.assert_allclose(times, 0.04 * np.arange(50) + begins_ms / 1000, atol=1e-3)
+    np.testing.assert_allclose(times, 0.04 * np.arange(50) + start_ms / 1000, atol=1e-3)
     chapters, *_, texts = tracks_of(tmp_path / f"b{target}")
-    assert chapters[1][0] == pytest.approx(1 + begins_ms / 1000)
+    assert chapters[1][0] == pytest.approx(1 + start_ms / 1000)
     np.testing.assert_allclose(
-        [t[0] for t in texts], [0.2 + begins_ms / 1000, 1.0 + begins_ms / 1000], atol=2e-3
+        [t[0] for t in texts], [0.2 + start_ms / 1000, 1.0 + start_ms / 1000], atol=2e-3
     )
 
 
 def test_part_starts_at_zero_with_chapters_and_subtitles(tmp_path):
-    make_film(tmp_path / "a.mkv", 1200)
-    through(tmp_path / "a.mkv", tmp_path / "b.mkv", start_s=0.8, duration_s=1.0)
+    write_film(tmp_path / "a.mkv", 1200)
+    process_file(tmp_path / "a.mkv", tmp_path / "b.mkv", start_s=0.8, duration_s=1.0)
     chapters, _, _, texts = tracks_of(tmp_path / "b.mkv")
     np.testing.assert_allclose([c[:2] for c in chapters], [(0, 0.2), (0.2, 1.0)], atol=1e-3)
     np.testing.assert_allclose([t[0] for t in texts], [0.2], atol=1e-3)
@@ -293,7 +295,7 @@ def test_part_starts_at_zero_with_chapters_and_subtitles(tmp_path):
 
 
 def test_dewarping_keeps_tracks(tmp_path):
-    make_film(tmp_path / "a.mkv", 1200)
+    write_film(tmp_path / "a.mkv", 1200)
     om.dewarp_video(
         tmp_path / "a.mkv",
         tmp_path / "b.mp4",
@@ -306,19 +308,19 @@ def test_dewarping_keeps_tracks(tmp_path):
 
 
 def test_losses_are_reported(tmp_path):
-    make_film(tmp_path / "a.mkv", languages=("deu", "gsw"))
-    (note,) = through(tmp_path / "a.mkv", tmp_path / "b.ts")
+    write_film(tmp_path / "a.mkv", languages=("deu", "gsw"))
+    (note,) = process_file(tmp_path / "a.mkv", tmp_path / "b.ts")
     assert (
         "b.ts: dropped the titles of tracks and 2 chapters and 1 subtitle track; .mkv supports them"
         in note
     )
-    (note,) = through(tmp_path / "a.mkv", tmp_path / "b.mov")
+    (note,) = process_file(tmp_path / "a.mkv", tmp_path / "b.mov")
     assert "dropped the language 'gsw'" in note
-    assert through(tmp_path / "a.mkv", tmp_path / "b.mp4") == []
+    assert process_file(tmp_path / "a.mkv", tmp_path / "b.mp4") == []
 
 
 def test_dropped_tracks_are_reported(tmp_path):
-    make_film(tmp_path / "a.mkv", subtitles=False)
+    write_film(tmp_path / "a.mkv", subtitles=False)
     with av.open(str(tmp_path / "a.mkv")) as film, av.open(str(tmp_path / "b.mkv"), "w") as out:
         source = film.streams.video[0]
         copies = [out.add_stream_from_template(source) for _ in range(3)]
@@ -329,7 +331,7 @@ def test_dropped_tracks_are_reported(tmp_path):
                 own.pts, own.dts, own.time_base = packet.pts, packet.dts, packet.time_base
                 own.stream, own.is_keyframe = copy, packet.is_keyframe
                 out.mux(own)
-    (note,) = through(tmp_path / "b.mkv", tmp_path / "c.mkv")
+    (note,) = process_file(tmp_path / "b.mkv", tmp_path / "c.mkv")
     assert "b.mkv: dropped 1 attachment and 2 further video tracks" in note
 
 
@@ -364,7 +366,7 @@ def graded(tmp_path):
     return tmp_path / "in.mp4"
 
 
-def copied(source, out, codec):
+def write_copy(source, out, codec):
     with VideoReader(source) as reader:
         assert not reader.notes
         writer = VideoWriter.from_source(reader, out, codec=codec)
@@ -374,7 +376,7 @@ def copied(source, out, codec):
 
 @pytest.mark.parametrize("codec", ["libx265", "libx264", "libsvtav1"])
 def test_mastering_display_is_preserved(graded, tmp_path, codec):
-    assert not copied(graded, tmp_path / "out.mp4", codec)
+    assert not write_copy(graded, tmp_path / "out.mp4", codec)
     with av.open(str(tmp_path / "out.mp4")) as container:
         beside = next(container.decode(video=0)).side_data
         mastering = struct.unpack("22i", bytes(beside.get(SideData.MASTERING_DISPLAY_METADATA)))
@@ -390,7 +392,7 @@ def test_mastering_display_is_preserved(graded, tmp_path, codec):
 def test_lost_mastering_display_is_reported(graded, tmp_path):
     assert (
         "out.mkv: HDR metadata of the mastering display are lost; use --set video.codec=ffv1 with"
-        in copied(graded, tmp_path / "out.mkv", "ffv1")[0]
+        in write_copy(graded, tmp_path / "out.mkv", "ffv1")[0]
     )
     ball = ["--ball", "63.5,47.5,40,260", "--view", "perspective", "--size", "64x48"]
     run = omnimirror("dewarp", graded, *ball, "-o", tmp_path / "%d.png")

@@ -79,7 +79,7 @@ def test_default_bodies_do_not_change_the_sensor(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "words"),
+    ("name", "options", "terms"),
     [
         ("in-dome", {"body": Body(flange_width_mm=80.0)}, ["dome", "hides"]),
         (
@@ -100,7 +100,7 @@ def test_default_bodies_do_not_change_the_sensor(name):
         ("in-water", {"housing": Housing()}, ["cover tube -> none", "field_from_deg"]),
     ],
 )
-def test_changes_of_the_evaluated_sensor_stop_the_export(name, options, words, tmp_path):
+def test_changes_of_the_evaluated_sensor_stop_the_export(name, options, terms, tmp_path):
     fitted = replace(
         SENSORS["paper-spherical"], housing=Housing(shell=Dome(material="polycarbonate"))
     )
@@ -109,10 +109,10 @@ def test_changes_of_the_evaluated_sensor_stop_the_export(name, options, words, t
         with pytest.raises(InvalidParameter, match="to enclose the mirror"):
             om.export(sensor, tmp_path / "a.step", **options)
         return
-    with pytest.raises(InvalidParameter) as caught:
+    with pytest.raises(InvalidParameter) as error:
         om.export(sensor, tmp_path / "a.csv", **options)
-    for word in (*words, "change the evaluated sensor", "--allow-changes"):
-        assert word in str(caught.value)
+    for term in (*terms, "change the evaluated sensor", "--allow-changes"):
+        assert term in str(error.value)
     assert not list(tmp_path.iterdir())
     assert om.export(sensor, tmp_path / "a.csv", allow_changes=True, **options)
 
@@ -143,15 +143,15 @@ def test_sensor_names_are_converted_to_file_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("path", "formats", "sentence"),
+    ("path", "formats", "message"),
     [
         ("mirror.sldprt", None, "one of the suffixes .step"),
         ("out", ["step", "iges"], "names from step, stl.* got 'iges'"),
         ("mirror.step", ["stl"], "a folder for the formats stl; got the step file"),
     ],
 )
-def test_invalid_formats_are_rejected(path, formats, sentence, tmp_path):
-    with pytest.raises(InvalidParameter, match=sentence):
+def test_invalid_formats_are_rejected(path, formats, message, tmp_path):
+    with pytest.raises(InvalidParameter, match=message):
         om.export(om.load_sensor("paper-spherical"), tmp_path / path, formats=formats)
     assert not list(tmp_path.iterdir())
 
@@ -176,11 +176,11 @@ def test_missing_package_message(tmp_path, monkeypatch):
         module, "find_spec", lambda name: None if name in ("OCP", "ezdxf") else object()
     )
     sensor = om.load_sensor("paper-spherical")
-    said = (
+    message = (
         "step, dxf require OCP, ezdxf: run pip install '.[cad]' in the repository, or select "
         "stl, 3mf, zmx, gridsag, csv, pdf"
     )
-    with pytest.raises(OmnimirrorError, match=f"^{re.escape(said)}$"):
+    with pytest.raises(OmnimirrorError, match=f"^{re.escape(message)}$"):
         om.export(sensor, tmp_path)
     with pytest.raises(
         OmnimirrorError, match=r"^step requires OCP: run pip install '\.\[cad\]' in the repository$"
@@ -261,7 +261,7 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "message"),
     [
         (["--formats", "step,iges"], "got 'iges'"),
         (["--set", "file.scale=half"], "such as 1:2 or 5:1; got 'half'"),
@@ -283,14 +283,14 @@ def test_options_affect_the_files(tmp_path, monkeypatch):
     ],
 )
 def test_invalid_options_print_one_message_and_write_no_file(
-    options, sentence, tmp_path, monkeypatch, capsys
+    options, message, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["export", "paper-spherical", "-o", "out", *options])
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert len(said.splitlines()) == 1
+    stderr = capsys.readouterr().err
+    assert message in stderr
+    assert len(stderr.splitlines()) == 1
     assert not list(tmp_path.iterdir())
 
 
@@ -339,22 +339,22 @@ def test_inaccurate_lens_file_prints_a_warning(tmp_path):
     )
     (file,) = om.export(wavy, tmp_path, formats=["zmx"])
     r = np.linspace(0, wavy.mirror.rim_radius_mm, 4001)
-    turned = 2 * np.degrees(
+    angle_deg = 2 * np.degrees(
         np.abs(np.arctan(fit_asphere(wavy.mirror).profile(r)[1]) - np.arctan(wavy.mirror.slope(r)))
     )
-    assert file.ray_deg == pytest.approx(turned.max(), rel=1e-2)
+    assert file.ray_deg == pytest.approx(angle_deg.max(), rel=1e-2)
     assert file.ray_deg > 0.05
     assert not file.follows
     (exact,) = om.export(sphere, tmp_path, formats=["zmx"])
     assert exact.ray_deg == 0
     assert exact.follows
     save_sensor(wavy, tmp_path / "wavy.toml")
-    said = omnimirror(
+    output = omnimirror(
         "export", tmp_path / "wavy.toml", "-o", tmp_path / "lens", "--formats", "zmx,gridsag"
     ).stdout
-    assert f"{file.ray_deg:.2g}" in said
-    assert "wavy.zmx is not accurate" in said
-    assert "grid sag" in said
+    assert f"{file.ray_deg:.2g}" in output
+    assert "wavy.zmx is not accurate" in output
+    assert "grid sag" in output
 
 
 REQUIREMENTS = """
@@ -393,11 +393,11 @@ def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, c
         {row.label: row for row in om.check_requirements(requirements, s).rows}
         for s in (sensor, with_rim)
     )
-    changed = {
+    labels = {
         label for label, row in before.items() if abs(row.margin - after[label].margin) > 1e-6
     }
-    assert "omega_max_deg" in changed
-    with pytest.raises(InvalidParameter, match="change the evaluated sensor") as refused:
+    assert "omega_max_deg" in labels
+    with pytest.raises(InvalidParameter, match="change the evaluated sensor") as error:
         om.export(
             sensor,
             "out",
@@ -405,10 +405,10 @@ def test_export_lists_requirements_with_changed_margins(tmp_path, monkeypatch, c
             body=Body(flange_width_mm=5.0),
             requirements="requirements.toml",
         )
-    message = str(refused.value)
+    message = str(error.value)
     for label, row in before.items():
         entry = f"{label}: margin {row.margin:.4g} -> {after[label].margin:.4g}"
-        assert (entry in message) == (label in changed)
+        assert (entry in message) == (label in labels)
     assert "omega_max_deg: margin 5.005 -> -0.6733 deg (not met)" in message
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(

@@ -120,11 +120,11 @@ def test_lens_file_chief_rays_have_the_listed_field_angles(kind, tmp_path):
             )  # undeviated at the lens centre
             y, z = (h if telecentric else mp.mpf(0)), mp.mpf(0)
             dy, dz = slope / mp.hypot(slope, 1), 1 / mp.hypot(slope, 1)
-            for vertex, sag, there in (
+            for vertex, sag, guess in (
                 (to_secondary, secondary, to_secondary),
                 (to_secondary + back, primary, back),
             ):
-                t = mp.findroot(lambda t: z + t * dz - vertex - sag(y + t * dy), there / dz)  # noqa: B023
+                t = mp.findroot(lambda t: z + t * dz - vertex - sag(y + t * dy), guess / dz)  # noqa: B023
                 y, z = y + t * dy, z + t * dz
                 n = mp.diff(sag, y)
                 across = (dy * n - dz) / (1 + n**2)
@@ -171,7 +171,7 @@ def test_central_obscuration_matches_invalid_pixels():
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "message"),
     [
         (
             {"body": Body(bore_diameter_mm=6.0, bore_depth_mm=np.inf)},
@@ -185,8 +185,8 @@ def test_central_obscuration_matches_invalid_pixels():
         ),
     ],
 )
-def test_invalid_folded_parts_are_rejected(options, sentence, tmp_path):
-    with pytest.raises(InvalidParameter, match=sentence):
+def test_invalid_folded_parts_are_rejected(options, message, tmp_path):
+    with pytest.raises(InvalidParameter, match=message):
         om.export(FOLDED, tmp_path, formats=["svg"], **options)
     assert not list(tmp_path.iterdir())
 

@@ -24,7 +24,7 @@ from tests.conftest import MIRRORS, sensor_of
 SPH = om.load_sensor("paper-spherical")
 
 
-def drawn(sensor, housing, body=None):
+def as_drawn(sensor, housing, body=None):
     """Return the sensor as drawn."""
     return with_housing(parts_of(sensor, body), housing)
 
@@ -38,7 +38,7 @@ def percent(sensor):
     return sum(ring.image_percent for ring in sensor.obscured)
 
 
-def marched(sensor, solid, count=1500):
+def marched_obscuration(sensor, solid, count=1500):
     """Return obscured field angles (deg) and image fraction (%) by marching chief rays in steps of
     0.05 mm.
     """
@@ -66,9 +66,11 @@ def marched(sensor, solid, count=1500):
     ids=lambda s: s.name,
 )
 def test_rod_obscures_the_centre(sensor):
-    (ring,) = drawn(sensor, Housing(rod=Rod(4.0, gap_mm=30.0))).obscurations
+    (ring,) = as_drawn(sensor, Housing(rod=Rod(4.0, gap_mm=30.0))).obscurations
     foot = lens_height(sensor) + 30.0
-    omega, share = marched(sensor, lambda x, z: (np.abs(x) < 2.0) & (z > foot) & (z < 0))
+    omega, share = marched_obscuration(
+        sensor, lambda x, z: (np.abs(x) < 2.0) & (z > foot) & (z < 0)
+    )
     assert ring.part == "rod"
     assert ring.omega_deg[0] == 0.0
     assert ring.omega_deg[1] == pytest.approx(omega.max(), abs=0.15)
@@ -78,7 +80,7 @@ def test_rod_obscures_the_centre(sensor):
 @pytest.mark.parametrize("diameter", [100.0, 130.0])
 def test_tube_obscures_at_its_ends(diameter):
     body = Body(thickness_mm=5.0)
-    sensor = drawn(SPH, Housing(shell=Tube(diameter)), body)
+    sensor = as_drawn(SPH, Housing(shell=Tube(diameter)), body)
     inner, back, lens = diameter / 2 - 3.0, body.back_mm(SPH.mirror), lens_height(SPH)
     rings = sensor.obscurations
 
@@ -89,7 +91,7 @@ def test_tube_obscures_at_its_ends(diameter):
         cap = (np.abs(z - back) < 0.06) & (x < inner) & (x > SPH.mirror.rim_radius_mm)
         return base | cap
 
-    omega, share = marched(SPH, solid)
+    omega, share = marched_obscuration(SPH, solid)
     assert percent(sensor) == pytest.approx(share, abs=0.3)
     assert {r.part for r in rings} == (
         {"tube's base"} if diameter == 100 else {"tube's base", "tube's cap"}
@@ -106,7 +108,7 @@ def test_tube_obscures_at_its_ends(diameter):
 
 
 def test_default_tube_clears_the_rim_ray():
-    sensor = drawn(SPH, Housing(shell=Tube()))
+    sensor = as_drawn(SPH, Housing(shell=Tube()))
     tube = sensor.obstructions.housing.shell
     assert tube.diameter_mm == 100.0  # 87.81 and 2 x (3 + 3), rounded up to 1 mm
     assert [r.part for r in sensor.obscurations] == ["tube's base"]
@@ -117,11 +119,11 @@ def test_default_tube_clears_the_rim_ray():
 
 def test_flange_obscuration_is_reported():
     flat = Body(thickness_mm=5.0, flange_width_mm=10.0, flange_thickness_mm=5.0)
-    (ring,) = drawn(SPH, Housing(), flat).obscurations
+    (ring,) = as_drawn(SPH, Housing(), flat).obscurations
     assert ring.part == "rim"
     assert ring.omega_deg[1] == pytest.approx(SPH.field_deg[1])
-    set_back = replace(flat, thickness_mm=20.0)
-    assert drawn(SPH, Housing(), set_back).obscurations == ()
+    thick_flange = replace(flat, thickness_mm=20.0)
+    assert as_drawn(SPH, Housing(), thick_flange).obscurations == ()
 
 
 def test_rim_and_flange_are_equivalent():
@@ -132,29 +134,29 @@ def test_rim_and_flange_are_equivalent():
         assert parts_of(sensor)[0].body.outer_radius_mm(SPH.mirror) == body.outer_radius_mm(
             SPH.mirror
         )
-        assert drawn(sensor, None).obscured == sensor.obscured
+        assert as_drawn(sensor, None).obscured == sensor.obscured
 
 
 def test_overlapping_obscurations_count_once():
-    both = drawn(SPH, Housing(CameraBody(30.0), Rod(4.0)))
-    parts = {r.part: r.image_percent for r in both.obscurations}
+    combined = as_drawn(SPH, Housing(CameraBody(30.0), Rod(4.0)))
+    parts = {r.part: r.image_percent for r in combined.obscurations}
     assert set(parts) == {"rod", "camera"}
-    assert percent(both) == pytest.approx(max(parts.values()))
-    assert percent(drawn(SPH, Housing())) == 0.0
+    assert percent(combined) == pytest.approx(max(parts.values()))
+    assert percent(as_drawn(SPH, Housing())) == 0.0
 
 
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_all_mirrors_can_be_supported(kind):
     sensor = sensor_of(kind)
     for housing in (Housing(shell=Tube()), Housing(rod=Rod()), Housing()):
-        for ring in drawn(sensor, housing).obscurations:
+        for ring in as_drawn(sensor, housing).obscurations:
             low, high = ring.omega_deg
             assert sensor.field_deg[0] <= low < high <= sensor.field_deg[1] + 1e-9
             assert 0 < ring.image_percent < 100
 
 
 @pytest.mark.parametrize(
-    ("part", "entries", "sentence"),
+    ("part", "entries", "message"),
     [
         (Tube, {"diameter_mm": 80.0}, "must be at least 93.81 mm"),
         (Dome, {"diameter_mm": 200.0}, "must be at least 235.05 mm, to enclose the mirror"),
@@ -171,9 +173,9 @@ def test_all_mirrors_can_be_supported(kind):
         (Tube, {"refractive_index": 0.9}, r"refractive_index must be between 1 and 4; got 0\.9"),
     ],
 )
-def test_invalid_support_is_rejected(part, entries, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
-        drawn(SPH, Housing(**{"rod" if part is Rod else "shell": part(**entries)})).obscurations  # noqa: B018
+def test_invalid_support_is_rejected(part, entries, message):
+    with pytest.raises(InvalidParameter, match=message):
+        as_drawn(SPH, Housing(**{"rod" if part is Rod else "shell": part(**entries)})).obscurations  # noqa: B018
 
 
 def test_transmission_at_brewsters_angle():
@@ -190,14 +192,14 @@ def test_sheet_states_shift_and_transmission():
     """Shift by Snell's law at a plate, and transmission by Fresnel's equations, for the named
     material.
     """
-    sensor = drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
-    *_, (word, shift, passed) = obscuration_rows(sensor)
+    sensor = as_drawn(SPH, Housing(shell=Tube(100.0, material="polycarbonate")))
+    *_, (label, shift, transmission) = obscuration_rows(sensor)
     i = np.radians(45.0)
     t = np.arcsin(np.sin(i) / 1.5855)
-    assert word == "tube at Ω = 135°"
+    assert label == "tube at Ω = 135°"
     assert shift == f"shift {3.0 / np.cos(t) * np.sin(i - t):.2f} mm"
     s, p = (np.sin(i - t) / np.sin(i + t)) ** 2, (np.tan(i - t) / np.tan(i + t)) ** 2
-    assert float(passed.split()[0]) == pytest.approx(
+    assert float(transmission.split()[0]) == pytest.approx(
         100 * ((1 - s) / (1 + s) + (1 - p) / (1 + p)) / 2, abs=0.06
     )
 
@@ -206,7 +208,7 @@ def test_sheet_states_shift_and_transmission():
 # ------------------------------------------------------------------------------
 
 
-def found(sensor):
+def shifts_by_name(sensor):
     return {s.name: s for s in image_shifts(sensor)}
 
 
@@ -222,7 +224,7 @@ def test_distance_shift_matches_a_perturbed_sensor(name):
             other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega)))
         )
     motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
-    assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.02)
+    assert shifts_by_name(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.02)
 
 
 IN_WATER = om.Sensor(
@@ -257,7 +259,7 @@ def test_shift_behind_a_cover_matches_a_perturbed_sensor(sensor):
             other.image_height_px(other.meridian.trace(other.meridian.x_from_omega(omega)))
         )
     motion = np.abs(heights[0] - heights[1]).max() / (2 * step)
-    assert found(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.03)
+    assert shifts_by_name(sensor)["mirror distance"].px_per_unit == pytest.approx(motion, rel=0.03)
 
 
 def test_tube_obscuration_is_not_attributed_to_the_secondary():
@@ -269,22 +271,22 @@ def test_tube_obscuration_is_not_attributed_to_the_secondary():
 def test_slope_error_doubles_in_reflection():
     omega = np.linspace(2.0, 134.0, 300)
     rate = om.evaluate(SPH, omega).dh_domega_px_per_deg
-    assert found(SPH)["surface slope"].px_per_unit == pytest.approx(
+    assert shifts_by_name(SPH)["surface slope"].px_per_unit == pytest.approx(
         2 * rate.max() * np.degrees(1e-3), rel=1e-3
     )
 
 
 def test_sphere_tilt_is_equivalent_to_decentre():
     """A tilt moves the centre by R times the angle, to first order."""
-    errors = found(SPH)
-    moved = SPH.mirror.radius_mm * np.radians(1.0)
+    errors = shifts_by_name(SPH)
+    decentre_mm = SPH.mirror.radius_mm * np.radians(1.0)
     assert errors["mirror tilt"].px_per_unit == pytest.approx(
-        moved * errors["mirror decentre"].px_per_unit, rel=1e-3
+        decentre_mm * errors["mirror decentre"].px_per_unit, rel=1e-3
     )
 
 
 def test_form_shift_is_slope_times_slope_sensitivity():
-    errors = found(SPH)
+    errors = shifts_by_name(SPH)
     slope_mrad = np.pi / SPH.mirror.rim_radius_mm  # slope of a bump of 1 um
     assert errors["surface form"].px_per_unit == pytest.approx(
         slope_mrad * errors["surface slope"].px_per_unit, rel=0.1
@@ -292,8 +294,8 @@ def test_form_shift_is_slope_times_slope_sensitivity():
 
 
 def test_distance_has_no_effect_on_telecentric_sensors_and_cones():
-    assert "mirror distance" not in found(om.load_sensor("paraboloid-telecentric"))
-    assert found(sensor_of("cone"))["mirror distance"].tolerance() == np.inf
+    assert "mirror distance" not in shifts_by_name(om.load_sensor("paraboloid-telecentric"))
+    assert shifts_by_name(sensor_of("cone"))["mirror distance"].tolerance() == np.inf
 
 
 @pytest.mark.parametrize(
@@ -323,13 +325,13 @@ def test_decentre_and_tilt_match_skew_rays(name, error, field, step):
         for sign in (1, -1)
     ]
     motion = np.nanmax(np.hypot(*(pixels[0] - pixels[1]).T)) / (2 * step)
-    assert found(sensor)[error].px_per_unit == pytest.approx(motion, rel=0.02)
+    assert shifts_by_name(sensor)[error].px_per_unit == pytest.approx(motion, rel=0.02)
 
 
 def test_displaced_mirror_is_drawn_and_tilted_mirror_rejected():
     displaced = replace(SPH, mirror_pose=MirrorPose(displacement_mm=2.0))
-    assembly = Assembly.of(drawn(displaced, Housing(shell=Dome(centre_mm=-80.0))), Body())
+    assembly = Assembly.of(as_drawn(displaced, Housing(shell=Dome(centre_mm=-80.0))), Body())
     assert (assembly.lens, assembly.base) == pytest.approx((-182.429, -182.429))
     assert assembly.housing.shell.centre_mm == pytest.approx(-82.0)
     with pytest.raises(InvalidParameter, match=r"use sensor.aligned\(\)"):
-        drawn(replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=1.0)), None).obscurations  # noqa: B018
+        as_drawn(replace(SPH, mirror_pose=MirrorPose(tilt_x_deg=1.0)), None).obscurations  # noqa: B018

@@ -69,7 +69,7 @@ def test_all_materials_have_a_density():
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "message"),
     [
         ("[title]\nnumbr = 'A'", "line 2: unknown entry title.numbr; did you mean number"),
         ("[title]\nnumber = 7", "workshop file line 2: number must be a string; got 7"),
@@ -86,8 +86,8 @@ def test_all_materials_have_a_density():
         ("[mirror", "workshop file"),
     ],
 )
-def test_invalid_files_are_rejected_with_line(text, sentence):
-    with pytest.raises(SpecError, match=sentence.replace("[", r"\[")):
+def test_invalid_files_are_rejected_with_line(text, message):
+    with pytest.raises(SpecError, match=message.replace("[", r"\[")):
         parse_workshop(text)
 
 
@@ -97,7 +97,7 @@ def test_negative_tolerance_is_rejected():
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "message"),
     [
         ({"counterbore_diameter_mm": 10.0}, "the diameter of a through bore"),
         (
@@ -106,17 +106,17 @@ def test_negative_tolerance_is_rejected():
         ),
     ],
 )
-def test_counterbore_requires_a_through_bore(options, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
+def test_counterbore_requires_a_through_bore(options, message):
+    with pytest.raises(InvalidParameter, match=message):
         Body(**options)
 
 
 def test_excessive_counterbore_message_states_a_valid_depth():
     mirror, _ = MIRRORS["hyperboloid"]
     bore = {"bore_diameter_mm": 6.0, "bore_depth_mm": np.inf, "counterbore_diameter_mm": 14.0}
-    with pytest.raises(InvalidParameter, match=r"a depth of at most 52\.\d+") as refused:
+    with pytest.raises(InvalidParameter, match=r"a depth of at most 52\.\d+") as error:
         Body(**bore, counterbore_depth_mm=55.0).outline(mirror)
-    deepest = float(str(refused.value).rsplit(" ", 1)[1])
+    deepest = float(str(error.value).rsplit(" ", 1)[1])
     floor = Body(**bore, counterbore_depth_mm=deepest).outline(mirror)[3, 1]
     assert floor - float(mirror.sag(7.0)) == pytest.approx(1.0, abs=0.011)
 
@@ -124,18 +124,18 @@ def test_excessive_counterbore_message_states_a_valid_depth():
 def test_allocated_tolerances_are_read_from_toml_and_json(tmp_path):
     sensor = om.load_sensor("paper-spherical")
     (tmp_path / "t.toml").write_text(tolerance_template(sensor))
-    asked = load_allocated_tolerances(tmp_path / "t.toml", sensor)
-    assert asked["mirror.decentre_x_mm"] == 0.05
-    rows = [{"name": name, "tolerance": value} for name, value in asked.items()]
-    for allocation, wanted in (
-        (None, asked),
+    tolerances = load_allocated_tolerances(tmp_path / "t.toml", sensor)
+    assert tolerances["mirror.decentre_x_mm"] == 0.05
+    rows = [{"name": name, "tolerance": value} for name, value in tolerances.items()]
+    for allocation, expected in (
+        (None, tolerances),
         ({"tolerances": {"mirror.tilt_x_deg": 0.03}}, {"mirror.tilt_x_deg": 0.03}),
     ):
         (tmp_path / "t.json").write_text(
             json.dumps({"allocation": allocation, "sensitivities": rows})
         )
-        assert load_allocated_tolerances(tmp_path / "t.json", sensor) == wanted
-    for text, sentence in (
+        assert load_allocated_tolerances(tmp_path / "t.json", sensor) == expected
+    for text, message in (
         ("[]", "is not a file of omnimirror tolerance"),
         (
             '{"allocation": {"tolerances": {"mirror.tilt_z_deg": 1}}}',
@@ -143,14 +143,14 @@ def test_allocated_tolerances_are_read_from_toml_and_json(tmp_path):
         ),
     ):
         (tmp_path / "t.json").write_text(text)
-        with pytest.raises((SpecError, InvalidParameter), match=sentence):
+        with pytest.raises((SpecError, InvalidParameter), match=message):
             load_allocated_tolerances(tmp_path / "t.json", sensor)
 
 
 def test_command_lists_missing_entries(tmp_path):
     run = omnimirror("export", "paper-spherical", "-o", "mirror.svg", cwd=tmp_path)
-    words = " ".join(run.stdout.split())
-    assert "Missing entries of the drawing: number, owner, approved_by, mirror.material" in words
+    output = " ".join(run.stdout.split())
+    assert "Missing entries of the drawing: number, owner, approved_by, mirror.material" in output
     (tmp_path / "w.toml").write_text(
         "[title]\nnumber = 'OM-7'\nowner = 'me'\napproved_by = 'you'\ndate = '2026-11-22'\n"
         "[mirror]\nmaterial = 'brass'\ncoating = 'none'\nsurface_roughness_nm = 8\n"
@@ -167,7 +167,7 @@ SPHERE = om.load_sensor("paper-spherical")
 
 
 @pytest.mark.parametrize(
-    ("making", "tolerances", "sentence"),
+    ("process", "tolerances", "message"),
     [
         (
             {"centring_deg": 0.2},
@@ -204,15 +204,15 @@ SPHERE = om.load_sensor("paper-spherical")
         ({"form_um": 1.0}, {"mirror.conic": 0.005}, r"mirror.conic ± 0.005 departs by .* P-V"),
     ],
 )
-def test_conflicting_tolerances_are_listed(making, tolerances, sentence):
-    (found,) = om.tolerance_conflicts(
-        SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances)
+def test_conflicting_tolerances_are_listed(process, tolerances, message):
+    (conflict,) = om.tolerance_conflicts(
+        SPHERE, Workshop(mirror=PartSpecification(**process), tolerances=tolerances)
     )
-    assert re.search(sentence, found), found
+    assert re.search(message, conflict), conflict
 
 
 @pytest.mark.parametrize(
-    ("making", "tolerances"),
+    ("process", "tolerances"),
     [
         ({}, {}),
         ({"centring_deg": 0.05, "back_flatness_mm": 0.005}, {"mirror.tilt_x_deg": 0.1}),
@@ -221,10 +221,10 @@ def test_conflicting_tolerances_are_listed(making, tolerances, sentence):
         ({"form_um": 0.2}, {"mirror.zernike_4_um": 0.3, "mirror.vertex_radius_mm": 1e-4}),
     ],
 )
-def test_consistent_tolerances_have_no_conflict(making, tolerances):
+def test_consistent_tolerances_have_no_conflict(process, tolerances):
     assert (
         om.tolerance_conflicts(
-            SPHERE, Workshop(mirror=PartSpecification(**making), tolerances=tolerances)
+            SPHERE, Workshop(mirror=PartSpecification(**process), tolerances=tolerances)
         )
         == []
     )
@@ -232,9 +232,9 @@ def test_consistent_tolerances_have_no_conflict(making, tolerances):
 
 def test_radius_error_zone_matches_brute_force():
     """Search the axial shift in steps, with distances along the nominal normal."""
-    told = {"mirror.vertex_radius_mm": 0.05}
-    (found,) = om.tolerance_conflicts(
-        SPHERE, Workshop(mirror=PartSpecification(form_um=1.0), tolerances=told)
+    tolerances = {"mirror.vertex_radius_mm": 0.05}
+    (conflict,) = om.tolerance_conflicts(
+        SPHERE, Workshop(mirror=PartSpecification(form_um=1.0), tolerances=tolerances)
     )
     r, R = np.linspace(0, 43.905, 2001), 49.9582
     dz = 1e3 * ((R + 0.05 - np.sqrt((R + 0.05) ** 2 - r**2)) - (R - np.sqrt(R**2 - r**2)))
@@ -242,7 +242,7 @@ def test_radius_error_zone_matches_brute_force():
         2 * np.abs((dz - shift) * np.sqrt(1 - (r / R) ** 2)).max()
         for shift in np.linspace(dz.min(), 0, 4001)
     ]
-    assert float(re.search(r"departs by ([\d.]+) um", found)[1]) == pytest.approx(
+    assert float(re.search(r"departs by ([\d.]+) um", conflict)[1]) == pytest.approx(
         min(zones), rel=0.01
     )
 

@@ -66,19 +66,19 @@ MISALIGNED = MirrorPose(
 )
 
 
-def rendered(sensor, plan, rows, columns, tracer):
+def transmitted(sensor, plan, rows, columns, tracer):
     """Return the fraction of rays transmitted to pixels, from an image of a white world with black
     parts."""
     bundle = tracer(sensor, plan, Radiometry(), rows, columns)
-    passes = (bundle.outcome == rendering.REFLECTED).ravel()
+    transmits = (bundle.outcome == rendering.REFLECTED).ravel()
     if (shell := sensor.obstructions.housing.shell) is not None:  # lids are part of the scene
-        turn = sensor.mount.rotation()
+        rotation = sensor.mount.rotation()
         rays = (
-            v.reshape(-1, 3).astype(float) @ turn.T for v in (bundle.origins, bundle.directions)
+            v.reshape(-1, 3).astype(float) @ rotation.T for v in (bundle.origins, bundle.directions)
         )
         lids = tuple(lid.height_mm for lid in sensor.obstructions.lids)
-        passes &= ~intersects_lid(shell, lids, *rays)
-    return passes
+        transmits &= ~intersects_lid(shell, lids, *rays)
+    return transmits
 
 
 @pytest.mark.parametrize("pose", [MirrorPose(), MISALIGNED], ids=["aligned", "misaligned"])
@@ -94,8 +94,8 @@ def test_rendering_matches_clearances(part, pose, blur):
     assert 0.2 < expected.mean() < 0.9
     tracers = [rendering._trace_sensor] + [rendering._trace_natively] * is_for_kernels(sensor)
     for tracer in tracers:
-        found = rendered(sensor, plan, whole, whole, tracer)
-        assert np.mean(found != expected) < 1e-4  # single precision, at edges
+        transmits = transmitted(sensor, plan, whole, whole, tracer)
+        assert np.mean(transmits != expected) < 1e-4  # single precision, at edges
 
 
 SENSORS = {
@@ -113,13 +113,13 @@ def test_brightness_matches_aperture_fill(part, tmp_path):
     width, height = sensor.image_size
     first, row = int(sensor.imager.centre[0]) + 4, slice(height // 2, height // 2 + 1)
     shares = (
-        rendered(sensor, plan, row, slice(first, width), rendering.trace_bundle)
+        transmitted(sensor, plan, row, slice(first, width), rendering.trace_bundle)
         .reshape(-1, 144)
         .mean(axis=1)
     )
-    partly = np.flatnonzero((shares > 0.05) & (shares < 0.95))
-    found = []
-    for column in first + partly[:: max(len(partly) // 6, 1)]:
+    partial = np.flatnonzero((shares > 0.05) & (shares < 0.95))
+    rows = []
+    for column in first + partial[:: max(len(partial) // 6, 1)]:
         share = shares[column - first]
         chief = sensor.optical_train.obstructed(
             *sensor.lens_rays(np.array([[column, height // 2]]), np.zeros(2))
@@ -131,14 +131,14 @@ def test_brightness_matches_aperture_fill(part, tmp_path):
         except om.OmnimirrorError:  # the chief ray itself is blocked by a mirror
             continue
         if sensor.secondary is None:
-            lit = om.illumination(sensor, [omega], azimuth_deg=azimuth).filled[0]
+            illuminated = om.illumination(sensor, [omega], azimuth_deg=azimuth).filled[0]
         else:
             pixels = np.full((len(SHARE.points), 2), (column, height // 2))
-            lit = sensor.aperture_rays(pixels, SHARE.points)[2].mean()
-        found.append((share, lit, filled))
-    share, lit, filled = np.transpose(found)
-    np.testing.assert_allclose(share, lit, atol=0.12)  # at edges across a pixel
-    assert share.mean() == pytest.approx(lit.mean(), abs=0.05)
+            illuminated = sensor.aperture_rays(pixels, SHARE.points)[2].mean()
+        rows.append((share, illuminated, filled))
+    share, illuminated, filled = np.transpose(rows)
+    np.testing.assert_allclose(share, illuminated, atol=0.12)  # at edges across a pixel
+    assert share.mean() == pytest.approx(illuminated.mean(), abs=0.05)
     # bundles of defocused objects are blocked at other angles than those of pixels, about the same
     # edge
     assert share.mean() == pytest.approx(filled.mean(), abs=0.12)

@@ -26,7 +26,7 @@ from omnimirror.simulation.scenes.scene import Pose
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def dataset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
     sensor = om.load_sensor("paper-equidistant")
     files = list(
@@ -40,8 +40,8 @@ def written(tmp_path_factory):
     return folder, files, json.loads((folder / "dataset.json").read_text())
 
 
-def test_calibration_dataset_is_complete(written):
-    folder, files, data = written
+def test_calibration_dataset_is_complete(dataset):
+    folder, files, data = dataset
     assert [f.name for f in files] == ["view-000.png", "view-001.png", "dataset.json"]
     assert om.load_sensor(folder / data["sensor"]).name == "paper-equidistant"
     assert data["views"][0]["pose"] == {f"{n}_mm": 0.0 for n in "xyz"} | {
@@ -51,12 +51,12 @@ def test_calibration_dataset_is_complete(written):
     assert all(len(view["corners_px"]) > 8 for view in data["views"])
 
 
-def test_corners_match_opencv(written):
+def test_corners_match_opencv(dataset):
     """Subpixel saddle points of the image, searched from 1 px off the true position."""
-    folder, _, data = written
+    folder, _, data = dataset
     for view in data["views"]:
         grey = cv2.cvtColor(om.read_image(folder / view["image"]), cv2.COLOR_RGB2GRAY)
-        true = np.array(
+        expected = np.array(
             [
                 c
                 for board in view["corners_px"].values()
@@ -65,15 +65,15 @@ def test_corners_match_opencv(written):
                 if c is not None
             ]
         )
-        inner = np.hypot(*(true - 511.5).T) < 440
-        start = (true[inner] + [0.7, -0.7]).astype(np.float32)
+        inner = np.hypot(*(expected - 511.5).T) < 440
+        start = (expected[inner] + [0.7, -0.7]).astype(np.float32)
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-        found = cv2.cornerSubPix(grey, start[:, None].copy(), (3, 3), (-1, -1), criteria)[:, 0]
-        off = np.hypot(*(found - true[inner]).T)
-        assert len(off) > 400
-        assert np.median(off) < 0.1
-        assert np.quantile(off, 0.9) < 0.2
-        assert abs(np.median(found - true[inner], axis=0)).max() < 0.02
+        corners = cv2.cornerSubPix(grey, start[:, None].copy(), (3, 3), (-1, -1), criteria)[:, 0]
+        distances_px = np.hypot(*(corners - expected[inner]).T)
+        assert len(distances_px) > 400
+        assert np.median(distances_px) < 0.1
+        assert np.quantile(distances_px, 0.9) < 0.2
+        assert abs(np.median(corners - expected[inner], axis=0)).max() < 0.02
 
 
 def test_occluded_corners_are_omitted():
@@ -132,9 +132,9 @@ def test_video_dataset_poses_and_ground_truth(tmp_path):
         depth = np.array(file.channels()["Z"].pixels)
     pixel, pose = [60, 30], Pose(**PATH.at(0.75))
     rays = om.load_sensor(tmp_path / data["sensor"]).backproject([pixel])
-    start, ahead = pose.to_scene(rays.origins), pose.to_scene(rays.origins + rays.directions)
+    start, end = pose.to_scene(rays.origins), pose.to_scene(rays.origins + rays.directions)
     assert depth[pixel[1], pixel[0]] == pytest.approx(
-        room.distance_mm(start, ahead - start)[0], rel=1e-5
+        room.distance_mm(start, end - start)[0], rel=1e-5
     )
 
 
@@ -223,16 +223,16 @@ def test_dataset_of_calibrated_camera(camera, tmp_path):
     assert load_recipe(tmp_path / "dataset.json").recipe.sensor == camera
     grey = cv2.cvtColor(om.read_image(tmp_path / "view-000.png"), cv2.COLOR_RGB2GRAY)
     (view,) = data["views"]
-    true = np.array(
+    expected = np.array(
         [c for board in view["corners_px"].values() for row in board for c in row if c is not None]
     )
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-    start = (true + np.array([0.5, -0.5])).astype(np.float32)
-    found = cv2.cornerSubPix(grey, start[:, None].copy(), (2, 2), (-1, -1), criteria)[:, 0]
-    off = np.hypot(*(found - true).T)
-    assert len(off) > 300
-    assert np.median(off) < 0.15
-    assert abs(np.median(found - true, axis=0)).max() < 0.03
+    start = (expected + np.array([0.5, -0.5])).astype(np.float32)
+    corners = cv2.cornerSubPix(grey, start[:, None].copy(), (2, 2), (-1, -1), criteria)[:, 0]
+    distances_px = np.hypot(*(corners - expected).T)
+    assert len(distances_px) > 300
+    assert np.median(distances_px) < 0.15
+    assert abs(np.median(corners - expected, axis=0)).max() < 0.03
 
 
 def test_blur_of_calibrated_camera_raises(tmp_path):

@@ -84,11 +84,11 @@ def write(kind, folder, after=lambda done: None):
         )
 
 
-def until(true, what):
+def wait_for(condition, description):
     """Wait for a state; the limit only ends a hanging run."""
     end = time.monotonic() + 120
-    while not true():
-        assert time.monotonic() < end, f"waited in vain until {what}"
+    while not condition():
+        assert time.monotonic() < end, f"timeout while waiting until {description}"
         time.sleep(0.002)
 
 
@@ -99,7 +99,7 @@ def contents(folder):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def scene_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sets")
     om.save_sensor(small(64), folder / "small.toml")
     om.write_image(
@@ -116,40 +116,41 @@ def test_killed_dataset_is_resumed(kind, tmp_path):
     undisturbed run."""
     if kind == "video":
         pytest.importorskip("av")
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    run = subprocess.Popen([sys.executable, "-c", KILLED, kind, killed], cwd=ROOT)
+    partial_folder, whole = tmp_path / "killed", tmp_path / "whole"
+    run = subprocess.Popen([sys.executable, "-c", KILLED, kind, partial_folder], cwd=ROOT)
 
     def done():
         try:
-            files = json.loads((killed / "dataset.json").read_text())["files"]
+            files = json.loads((partial_folder / "dataset.json").read_text())["files"]
         except FileNotFoundError:
             return []
         return [name for name in files if name.endswith(".png")]
 
-    until(lambda: len(done()) >= 3 or run.poll() is not None, "three pictures are done")
+    wait_for(lambda: len(done()) >= 3 or run.poll() is not None, "three images are done")
     run.send_signal(signal.SIGKILL)
     assert run.wait() == -signal.SIGKILL
-    data, kept = json.loads((killed / "dataset.json").read_text()), done()
+    data, images = json.loads((partial_folder / "dataset.json").read_text()), done()
     assert not data["complete"]
-    assert len(kept) == 3
+    assert len(images) == 3
     if kind == "calibration":
-        assert [view["image"] for view in data["views"]] == kept
+        assert [view["image"] for view in data["views"]] == images
         assert all(view["corners_px"] for view in data["views"])
-    before = {name: om.read_image(killed / name) for name in kept}
-    stamps = {name: (killed / name).stat().st_mtime_ns for name in kept}
+    before = {name: om.read_image(partial_folder / name) for name in images}
+    stamps = {name: (partial_folder / name).stat().st_mtime_ns for name in images}
     (
-        killed / {"calibration": ".view-003-abcd_123.png", "video": ".video-abcd_123.mp4"}[kind]
+        partial_folder
+        / {"calibration": ".view-003-abcd_123.png", "video": ".video-abcd_123.mp4"}[kind]
     ).touch()
 
     def compare(number):
         if number == 4:
-            assert {name: (killed / name).stat().st_mtime_ns for name in kept} == stamps
+            assert {name: (partial_folder / name).stat().st_mtime_ns for name in images} == stamps
 
-    write(kind, killed, compare)
+    write(kind, partial_folder, compare)
     write(kind, whole)
-    assert all(picture.shape == (64, 64, 3) for picture in before.values())
-    assert json.loads((killed / "dataset.json").read_text())["complete"]
-    assert contents(killed) == contents(whole)
+    assert all(image.shape == (64, 64, 3) for image in before.values())
+    assert json.loads((partial_folder / "dataset.json").read_text())["complete"]
+    assert contents(partial_folder) == contents(whole)
 
 
 def test_changed_image_is_rendered_again(tmp_path):
@@ -164,10 +165,10 @@ def test_changed_image_is_rendered_again(tmp_path):
     write()
     first = contents(tmp_path)
     (tmp_path / "view-000.png").write_bytes(b"something else")
-    kept = (tmp_path / "view-001.png").stat().st_mtime_ns
+    time_ns = (tmp_path / "view-001.png").stat().st_mtime_ns
     write()
     assert contents(tmp_path) == first
-    assert (tmp_path / "view-001.png").stat().st_mtime_ns == kept
+    assert (tmp_path / "view-001.png").stat().st_mtime_ns == time_ns
 
 
 def test_other_dataset_is_not_overwritten(tmp_path):
@@ -214,7 +215,7 @@ def test_failed_dataset_leaves_no_files(tmp_path):
 @pytest.mark.parametrize("reflectivity", [0.9, "gold", 0.96 + 6.69j, ("silver", 0.5, 1j + 2)])
 def test_recipe_round_trip(tmp_path, shell, reflectivity):
     """Round trip of every argument of the writers."""
-    asked = VideoRecipe(
+    recipe = VideoRecipe(
         sensor=replace(small(), housing=Housing(CameraBody(20.0), Rod(2 / 3), shell, Rim(1.0))),
         radiometry=Radiometry(reflectivity=reflectivity),
         detector=Detector(0.7, 1e4, 2.5, 12, "linear", "RGGB", 64.0),
@@ -222,10 +223,10 @@ def test_recipe_round_trip(tmp_path, shell, reflectivity):
         scene=SceneSource("street", 50.0),
         seed=7,
     )
-    written = {"format": format_of("video"), "recipe": recipe_record(asked)}
-    (tmp_path / "dataset.json").write_text(json.dumps(written))
-    found, created_with = load_recipe(tmp_path / "dataset.json")
-    assert found == asked
+    manifest = {"format": format_of("video"), "recipe": recipe_record(recipe)}
+    (tmp_path / "dataset.json").write_text(json.dumps(manifest))
+    loaded, created_with = load_recipe(tmp_path / "dataset.json")
+    assert loaded == recipe
     assert created_with == version("omnimirror")
 
 
@@ -248,8 +249,8 @@ def test_other_format_raises(tmp_path):
     assert not (tmp_path / "other").exists()
 
 
-def made_again(place, name, *options):
-    run = omnimirror("simulate", "dataset", "small.toml", *options, "-o", name, cwd=place)
+def regenerated(scene_folder, name, *options):
+    run = omnimirror("simulate", "dataset", "small.toml", *options, "-o", name, cwd=scene_folder)
     assert run.returncode == 0, run.stderr
     run = omnimirror(
         "simulate",
@@ -258,15 +259,15 @@ def made_again(place, name, *options):
         f"{name}/dataset.json",
         "-o",
         f"{name}-again",
-        cwd=place,
+        cwd=scene_folder,
     )
     assert run.returncode == 0, run.stderr
-    files = contents(place / name)
-    assert files == contents(place / f"{name}-again")
+    files = contents(scene_folder / name)
+    assert files == contents(scene_folder / f"{name}-again")
     return files
 
 
-def test_video_dataset_is_reproducible(place):
+def test_video_dataset_is_reproducible(scene_folder):
     pytest.importorskip("av")
     pytest.importorskip("OpenEXR")
     options = (
@@ -282,8 +283,8 @@ def test_video_dataset_is_reproducible(place):
         4,
         "--truth",
     )
-    files = made_again(
-        place,
+    files = regenerated(
+        scene_folder,
         "drive",
         *options,
         "--set",
@@ -327,9 +328,9 @@ def test_calibration_dataset_is_reproducible(tmp_path):
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
-def test_changed_scene_or_option_raises(place, tmp_path):
+def test_changed_scene_or_option_raises(scene_folder, tmp_path):
     pytest.importorskip("av")
-    (tmp_path / "sky.hdr").write_bytes((place / "sky.hdr").read_bytes())
+    (tmp_path / "sky.hdr").write_bytes((scene_folder / "sky.hdr").read_bytes())
     source = SceneSource(str(tmp_path / "sky.hdr"))
     write_video_dataset(
         VideoRecipe(
@@ -375,13 +376,13 @@ def test_corners_in_tube_match_images(tmp_path):
     )
     view = json.loads(description.read_text())["views"][0]
     grey = om.read_image(tmp_path / view["image"])[..., 1].copy()
-    true = np.array(
+    expected = np.array(
         [c for board in view["corners_px"].values() for row in board for c in row if c is not None]
     )
-    inner = true[np.hypot(*(true - 511.5).T) < 440]
+    inner = expected[np.hypot(*(expected - 511.5).T) < 440]
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-    found = cv2.cornerSubPix(
+    corners = cv2.cornerSubPix(
         grey, inner.astype(np.float32)[:, None].copy(), (3, 3), (-1, -1), criteria
     )[:, 0]
-    assert np.median(np.hypot(*(found - inner).T)) < 0.1
-    assert abs(np.median(found - inner, axis=0)).max() < 0.02
+    assert np.median(np.hypot(*(corners - inner).T)) < 0.1
+    assert abs(np.median(corners - inner, axis=0)).max() < 0.02

@@ -112,8 +112,8 @@ def test_seed_is_reproducible():
     np.testing.assert_array_equal(noisy.read(light, 3), noisy.read(light, np.int64(3)))
     np.testing.assert_array_equal(noisy.read(light), noisy.read(light, 0))
     readout = Readout(noisy)
-    read = readout.digital_values(readout.conversion.read(light))
-    np.testing.assert_array_equal(read, noisy.read(light, 0))
+    values = readout.digital_values(readout.conversion.read(light))
+    np.testing.assert_array_equal(values, noisy.read(light, 0))
 
 
 def test_negative_light_is_dark():
@@ -296,7 +296,7 @@ def test_readout_matches_detector(detector, samples, more):
     light = om.expose(SENSOR, scene, samples=samples, **more)
     readout = Readout(detector, seed=7)
     rows = []
-    taken = render_light(
+    raw_light = render_light(
         SENSOR,
         scene,
         readout.conversion,
@@ -305,7 +305,7 @@ def test_readout_matches_detector(detector, samples, more):
         workers=3,
         **more,
     )
-    numbers = readout.digital_values(taken)
+    numbers = readout.digital_values(raw_light)
     assert numbers.dtype == detector.dtype
     np.testing.assert_array_equal(numbers, detector.read(light, seed=7))
     assert rows[-1] == 97

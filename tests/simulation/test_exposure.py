@@ -68,19 +68,19 @@ def test_compiled_rays_match_double_precision(name, pose, flipped):
     )
     assert {rays.REFLECTED, rays.DIRECT} <= set(np.unique(slow.outcome))
     assert np.mean(fast.outcome != slow.outcome) < 1e-4  # rays that graze an edge
-    seen = (fast.outcome == slow.outcome) & (slow.outcome != rays.OBSCURED)
-    np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=1e-6)
+    valid = (fast.outcome == slow.outcome) & (slow.outcome != rays.OBSCURED)
+    np.testing.assert_allclose(fast.weight[valid], slow.weight[valid], atol=1e-6)
     hidden = (fast.outcome == slow.outcome) & (slow.outcome == rays.OBSCURED)
     assert (
         np.mean(np.abs(fast.weight[hidden] - slow.weight[hidden]) > 1e-5) < 2e-3
     )  # rays that graze a ring
     a, b = (
-        d[seen] / np.linalg.norm(d[seen], axis=-1, keepdims=True)
+        d[valid] / np.linalg.norm(d[valid], axis=-1, keepdims=True)
         for d in (fast.directions, slow.directions)
     )
     assert np.degrees(np.linalg.norm(np.cross(a, b), axis=-1)).max() < 5e-4
-    off = np.linalg.norm(np.cross(fast.origins[seen] - slow.origins[seen], b), axis=-1)
-    assert off.max() < 2e-4  # mm, across the ray
+    distances_mm = np.linalg.norm(np.cross(fast.origins[valid] - slow.origins[valid], b), axis=-1)
+    assert distances_mm.max() < 2e-4  # mm, across the ray
 
 
 @needs_native
@@ -206,14 +206,14 @@ def test_uniform_radiance_is_preserved():
     )
     np.testing.assert_allclose(light[50, 50], 0.9, rtol=1e-5)
     assert light[0, 0].max() == 0
-    beside = expose(
+    image = expose(
         small("paper-spherical"),
         white,
         samples=16,
         blur=True,
         radiometry=Radiometry(direct_view=True),
     )
-    np.testing.assert_allclose(beside, 1.0, rtol=1e-5)
+    np.testing.assert_allclose(image, 1.0, rtol=1e-5)
 
 
 @needs_native
@@ -226,9 +226,9 @@ def test_metal_reflectance_matches_fresnel(metal, pose):
         rays._trace_natively(sensor, plan, dim, *part),
         rays._trace_sensor(sensor, plan, dim, *part),
     )
-    seen = (fast.outcome == rays.REFLECTED) & (slow.outcome == rays.REFLECTED)
-    np.testing.assert_allclose(fast.weight[seen], slow.weight[seen], atol=5e-5)
-    assert np.ptp(slow.weight[seen]) > 5e-3
+    valid = (fast.outcome == rays.REFLECTED) & (slow.outcome == rays.REFLECTED)
+    np.testing.assert_allclose(fast.weight[valid], slow.weight[valid], atol=5e-5)
+    assert np.ptp(slow.weight[valid]) > 5e-3
 
 
 def test_metal_reflectance_depends_on_incidence():

@@ -55,7 +55,7 @@ class Tracer:
         self.shift = np.array([pose.decentre_x_mm, pose.decentre_y_mm, pose.displacement_mm])
         self.housing, self.top = sensor.housing, self.radius - np.sqrt(self.radius**2 - self.rim**2)
 
-    def look(self, pixels):
+    def trace(self, pixels):
         """Return origins and directions (n, 3) of pixels (n, 2) outside the sensor, with visibility
         and obscuration."""
         across = (pixels - (self.size - 1) / 2) * self.pitch
@@ -79,11 +79,11 @@ class Tracer:
             | self.on_lids(p, out)
         )
         hidden |= self.on_edge(np.where(hit[:, None], p, lens), np.where(hit[:, None], out, d))
-        sees = hit & ~hidden
-        p, out = p[sees], out[sees]
+        is_visible = hit & ~hidden
+        p, out = p[is_visible], out[is_visible]
         if self.housing.shell is not None:
-            p, out = through(self.housing.shell, p, out)
-        return p, out, sees, hidden
+            p, out = trace_through_shell(self.housing.shell, p, out)
+        return p, out, is_visible, hidden
 
     def on_disc(self, p, d, height, radius):
         t = (height - p[:, 2]) / d[:, 2]
@@ -103,8 +103,8 @@ class Tracer:
             return np.zeros(len(p), dtype=bool)
         inner = shell.diameter_mm / 2 - shell.wall_mm
         if isinstance(shell, Dome):
-            off = -self.m - shell.centre_mm - shell.inner_shift_mm
-            return self.on_disc(p, d, -self.m, np.sqrt(inner**2 - off**2))
+            z_mm = -self.m - shell.centre_mm - shell.inner_shift_mm
+            return self.on_disc(p, d, -self.m, np.sqrt(inner**2 - z_mm**2))
         back = self.top + (rim.thickness_mm if rim else 5.0)
         return self.on_disc(p, d, -self.m, inner) | self.on_disc(p, d, back, inner)
 
@@ -129,7 +129,7 @@ class Tracer:
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.sort((ends - p[:, 2:]) / d[:, 2:], axis=1)
         low, high = np.maximum(t[:, 0], 0.0), t[:, 1]
-        passes = high >= low
+        crosses = high >= low
 
         def gap(t):
             at = p + t[:, None] * d
@@ -140,10 +140,10 @@ class Tracer:
             a, b = low + (high - low) / 3, high - (high - low) / 3
             left = gap(a) < gap(b)
             low, high = np.where(left, low, a), np.where(left, b, high)
-        return passes & (gap((low + high) / 2) < 0)
+        return crosses & (gap((low + high) / 2) < 0)
 
 
-def through(shell, p, d):
+def trace_through_shell(shell, p, d):
     """Trace rays out through a shell: bisection to each surface, and Snell's law for the angles
     there."""
     n = shell.refractive_index
@@ -166,10 +166,10 @@ def through(shell, p, d):
         normal = (p - centre) * flat
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         cosine = (d * normal).sum(axis=1)
-        beside = d - cosine[:, None] * normal
-        angle = np.arcsin(before / behind * np.linalg.norm(beside, axis=1))
-        beside /= np.maximum(np.linalg.norm(beside, axis=1), 1e-300)[:, None]
-        d = np.cos(angle)[:, None] * normal + np.sin(angle)[:, None] * beside
+        tangent = d - cosine[:, None] * normal
+        angle = np.arcsin(before / behind * np.linalg.norm(tangent, axis=1))
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-300)[:, None]
+        d = np.cos(angle)[:, None] * normal + np.sin(angle)[:, None] * tangent
     return p, d
 
 
@@ -212,9 +212,9 @@ def test_hidden_pixels_match_ray_trace(shell, shift):
     """Obscured, visible or neither for all pixels; and their points to 0.01 um."""
     sensor = sensor_of(shift=shift, housing=replace(FULL, shell=shell))
     truth = ground_truth(sensor, Ball())
-    p, d, sees, hidden = Tracer(sensor).look(grid())
+    p, d, is_visible, hidden = Tracer(sensor).trace(grid())
     np.testing.assert_array_equal(truth.hidden.ravel(), hidden)
-    np.testing.assert_array_equal(np.isfinite(truth.depth_mm).ravel(), sees)
+    np.testing.assert_array_equal(np.isfinite(truth.depth_mm).ravel(), is_visible)
     assert hidden.sum() > 300
     assert not (truth.hidden & np.isfinite(truth.directions[..., 0])).any()
     p, d = to_world(sensor, p), to_world(sensor, d)
@@ -261,12 +261,14 @@ def test_lid_obscures_pixels():
     """A wide cap of the tube, level with the rim, blocks rays steeper than those to the wall."""
     sensor = sensor_of(housing=Housing(shell=Tube(400.0), rim=Rim(thickness_mm=1.0)))
     truth = ground_truth(sensor, Ball())
-    p, d, sees, _ = Tracer(replace(sensor, housing=Housing())).look(grid())
+    p, d, is_visible, _ = Tracer(replace(sensor, housing=Housing())).trace(grid())
     back = float(sensor.mirror.sag(np.array(sensor.mirror.rim_radius_mm))) + 1.0
     t = (back - p[:, 2]) / d[:, 2]
-    under = (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < 197.0)
-    assert 100 < under.sum() < sees.sum()
-    np.testing.assert_array_equal((truth.hidden.ravel()[sees])[d[:, 2] > 0], under[d[:, 2] > 0])
+    below_cap = (t > 0) & (np.hypot(*(p + t[:, None] * d)[:, :2].T) < 197.0)
+    assert 100 < below_cap.sum() < is_visible.sum()
+    np.testing.assert_array_equal(
+        (truth.hidden.ravel()[is_visible])[d[:, 2] > 0], below_cap[d[:, 2] > 0]
+    )
     light = expose(sensor, Ball(), samples=1, radiometry=Radiometry(housing_light=0.0))
     assert not light[truth.hidden].any()
 
@@ -286,21 +288,21 @@ def test_visible_corners_match_ray_trace(shell):
     sensor, hall = sensor_of(1024, housing=replace(FULL, shell=shell)), Hall(texel_mm=50.0)
     tracer, bare, count, hidden = Tracer(sensor), replace(sensor, housing=Housing()), 0, 0
     for pose in (Pose(), Pose(400.0, -300.0, -500.0, 40.0, 5.0)):
-        found = visible_corners_px(sensor, hall, pose)
+        corners_px = visible_corners_px(sensor, hall, pose)
         plain = visible_corners_px(bare, hall, pose)
-        for name, pixels in found.items():
+        for name, pixels in corners_px.items():
             corners = pose.to_sensor(hall.board_corners_mm(name).reshape(-1, 3))
-            seen = np.isfinite(pixels[..., 0]).ravel()
-            p, d, sees, _ = tracer.look(pixels.reshape(-1, 2)[seen])
-            assert sees.all()
-            way = corners[seen] - to_world(sensor, p)
-            miss = np.linalg.norm(np.cross(way, to_world(sensor, d)), axis=1)
+            visible = np.isfinite(pixels[..., 0]).ravel()
+            p, d, is_visible, _ = tracer.trace(pixels.reshape(-1, 2)[visible])
+            assert is_visible.all()
+            offset = corners[visible] - to_world(sensor, p)
+            miss = np.linalg.norm(np.cross(offset, to_world(sensor, d)), axis=1)
             assert (miss < 1e-4).all()
-            count += seen.sum()
-            lost = np.isfinite(plain[name][..., 0]).ravel() & ~seen
-            if shell is None and lost.any():
-                assert tracer.look(plain[name].reshape(-1, 2)[lost])[3].all()
-            hidden += lost.sum()
+            count += visible.sum()
+            occluded = np.isfinite(plain[name][..., 0]).ravel() & ~visible
+            if shell is None and occluded.any():
+                assert tracer.trace(plain[name].reshape(-1, 2)[occluded])[3].all()
+            hidden += occluded.sum()
     assert count > 1200
     assert hidden > 20
 
@@ -311,8 +313,8 @@ def test_points_visible_by_refraction_only():
     sensor = sensor_of(1024, housing=Housing(shell=Dome(330.0, 8.0, centre_mm=-40.0)))
     turns = np.linspace(0, 6, 9)
     edge = 511.5 + 0.9999 * sensor.rim_radius_px * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
-    p, d, sees, _ = Tracer(sensor).look(edge)
-    assert sees.all()
+    p, d, is_visible, _ = Tracer(sensor).trace(edge)
+    assert is_visible.all()
     points = to_world(sensor, p + 2000.0 * d)
     assert not replace(sensor, housing=Housing()).project(points).valid.any()
     for pixels, valid in (project_visible(sensor, points), sensor.project(points)):
@@ -344,9 +346,11 @@ def test_two_mirror_obscuration_matches_ray_trace(name):
         _, hit, out, blocked = out_of(
             sensor, np.zeros_like(rays), rays / np.linalg.norm(rays, axis=1)[:, None]
         )
-        met = np.isfinite(out).all(axis=1) & (
+        reached_secondary = np.isfinite(out).all(axis=1) & (
             np.hypot(hit[:, 0], hit[:, 1]) <= sensor.mirror.rim_radius_mm
         )
-    np.testing.assert_array_equal(truth.hidden.ravel(), met & blocked)
-    np.testing.assert_array_equal(np.isfinite(truth.directions[..., 0]).ravel(), met & ~blocked)
+    np.testing.assert_array_equal(truth.hidden.ravel(), reached_secondary & blocked)
+    np.testing.assert_array_equal(
+        np.isfinite(truth.directions[..., 0]).ravel(), reached_secondary & ~blocked
+    )
     assert truth.hidden.sum() == FOLDED_HIDES[name]

@@ -42,39 +42,39 @@ def maps():
     """Return the world as texels of omnimirror, with the first row half a texel off the pole, and
     of Mitsuba."""
     pan = np.radians((np.arange(2 * ROWS) + 0.5) / (2 * ROWS) * 360 - 180)
-    ours = np.pi / 2 - (np.arange(ROWS) + 0.5) / ROWS * np.pi
-    theirs = np.pi / 2 - np.arange(ROWS) / (ROWS - 1) * np.pi
+    texels = np.pi / 2 - (np.arange(ROWS) + 0.5) / ROWS * np.pi
+    mitsuba_texels = np.pi / 2 - np.arange(ROWS) / (ROWS - 1) * np.pi
     return [
         world(pan_tilt_direction(*np.meshgrid(pan, tilt))).astype(np.float32)
-        for tilt in (ours, theirs)
+        for tilt in (texels, mitsuba_texels)
     ]
 
 
-def rendered(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
+def render_mitsuba(mi, sensor, mirror, light, rays, shapes=None):  # noqa: F811
     """Render a scene by Mitsuba."""
-    return np.array(mi.render(scene_of(mi, sensor, mirror, light, rays, others), spp=rays))
+    return np.array(mi.render(scene_of(mi, sensor, mirror, light, rays, shapes), spp=rays))
 
 
-def scene_of(mi, sensor, mirror, light, rays, others=None):  # noqa: F811
+def scene_of(mi, sensor, mirror, light, rays, shapes=None):  # noqa: F811
     """Return Mitsuba's scene in the camera frame, with the origin at the mirror vertex and optional
     other shapes."""
     lens, (width, height), m = sensor.lens, sensor.image_size, sensor.mirror_distance_mm
     half = np.degrees(np.arctan(width / 2 * sensor.imager.pitch_mm / lens.image_distance))
-    turn = np.eye(
+    rotation = np.eye(
         4
     )  # Mitsuba: columns from -z via x, rows from y; omnimirror: columns from -x via y, rows from z
-    turn[:3, :3] = sensor.mount.rotation().T @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    rotation[:3, :3] = sensor.mount.rotation().T @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     frame = mi.ScalarTransform4f
     return mi.load_dict(
         {
             "type": "scene",
-            "integrator": {"type": "path", "max_depth": 12 if others else 3, "rr_depth": 20},
-            **(others or {}),
+            "integrator": {"type": "path", "max_depth": 12 if shapes else 3, "rr_depth": 20},
+            **(shapes or {}),
             "mirror": {**mirror, "bsdf": {"type": "conductor", "material": "none"}},
             "world": {
                 "type": "envmap",
                 "bitmap": mi.Bitmap(light),
-                "to_world": frame(turn.tolist()),
+                "to_world": frame(rotation.tolist()),
             },
             "camera": {
                 "type": "thinlens",
@@ -105,38 +105,40 @@ def ball(sensor):
     return {"type": "sphere", "radius": float(radius), "center": centre.tolist()}
 
 
-def compared(sensor, ours, theirs):
+def compare_images(sensor, image, reference):
     """Return PSNR in sRGB within the rim, and the largest shift (px) between corresponding blocks
     of 1/8 of the image."""
-    rows, columns = np.mgrid[: len(ours), : len(ours)]
+    rows, columns = np.mgrid[: len(image), : len(image)]
     rays = sensor.backproject(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
-    inside = rays.valid.reshape(ours.shape[:2])
+    inside = rays.valid.reshape(image.shape[:2])
     inside = binary_erosion(inside, iterations=3)  # excludes the rim
-    a, b = srgb_from_linear(ours), srgb_from_linear(theirs)
+    a, b = srgb_from_linear(image), srgb_from_linear(reference)
     decibels = -10 * np.log10(np.mean((a - b)[inside] ** 2))
     slopes = np.stack([np.gradient((a + b) / 2, axis=1), np.gradient((a + b) / 2, axis=0)], axis=-1)
-    middle = (len(ours) - 1) / 2
+    middle = (len(image) - 1) / 2
     sector = (np.arctan2(rows - middle, columns - middle) // (np.pi / 4)).astype(int)
     shifts = []
     for number in np.unique(sector):
         part = inside & (sector == number)
-        found, *_ = np.linalg.lstsq(slopes[part].reshape(-1, 2), (b - a)[part].ravel(), rcond=None)
-        shifts.append(float(np.hypot(*found)))
+        shift, *_ = np.linalg.lstsq(slopes[part].reshape(-1, 2), (b - a)[part].ravel(), rcond=None)
+        shifts.append(float(np.hypot(*shift)))
     return decibels, max(shifts)
 
 
 def on_a_mesh(mi, sensor, path, rings, rays):  # noqa: F811
     """Compare a blurred image with Mitsuba's image of the mirror mesh."""
     meshed(mi, sensor, rings, 2 * rings).shapes()[0].write_ply(str(path))
-    ours, theirs = maps()
-    picture = expose(sensor, Environment(ours), samples=rays, blur=True)
-    return compared(
-        sensor, picture, rendered(mi, sensor, {"type": "ply", "filename": str(path)}, theirs, rays)
+    texels, mitsuba_texels = maps()
+    image = expose(sensor, Environment(texels), samples=rays, blur=True)
+    return compare_images(
+        sensor,
+        image,
+        render_mitsuba(mi, sensor, {"type": "ply", "filename": str(path)}, mitsuba_texels, rays),
     )
 
 
-def as_mitsuba_has_it(beside, decibels, shift):
-    """At most 45 dB apart, single precision and the noise of both in it."""
+def assert_agreement(beside, decibels, shift):
+    """Check that the PSNR is at least 45 dB, which includes single precision and the noise of both images."""
     beside(
         "Mitsuba 3",
         "images with blur, RMS difference in grey levels",
@@ -157,10 +159,12 @@ def grey_levels(decibels):
 def test_blurred_image_matches_mitsuba(mi, pose, beside):  # noqa: F811
     sensor = small("paper-spherical", 128, pose)
     sensor = replace(sensor, lens=replace(sensor.lens, f_number=2.0))
-    ours, theirs = maps()
-    picture = expose(sensor, Environment(ours), samples=256, blur=True)
-    decibels, shift = compared(sensor, picture, rendered(mi, sensor, ball(sensor), theirs, 144))
-    as_mitsuba_has_it(beside, decibels, shift)
+    texels, mitsuba_texels = maps()
+    image = expose(sensor, Environment(texels), samples=256, blur=True)
+    decibels, shift = compare_images(
+        sensor, image, render_mitsuba(mi, sensor, ball(sensor), mitsuba_texels, 144)
+    )
+    assert_agreement(beside, decibels, shift)
 
 
 @pytest.mark.full
@@ -173,7 +177,7 @@ def test_blurred_mesh_image_matches_mitsuba(mi, name, pose, tmp_path, beside):  
     decibels, shift = on_a_mesh(
         mi, small(name, 128, pose), tmp_path / "mirror.ply", rings=150, rays=100
     )
-    as_mitsuba_has_it(beside, decibels, shift)
+    assert_agreement(beside, decibels, shift)
 
 
 @pytest.mark.full
@@ -184,4 +188,4 @@ def test_paper_sensors_match_fine_mesh(mi, name, pose, tmp_path, beside):  # noq
         mi, small(name, 384, pose), tmp_path / "mirror.ply", rings=500, rays=1024
     )
     print(f"{name}: {decibels:.1f} dB, no sector shifted by more than {shift:.4f} px")
-    as_mitsuba_has_it(beside, decibels, shift)
+    assert_agreement(beside, decibels, shift)

@@ -22,7 +22,9 @@ from omnimirror.simulation.rendering import (
 ORANGE = np.array([1.0, 0.4, 0.0], dtype=np.float32)
 
 
-def looking(camera_looks: str, name: str = "paper-spherical", flipped: bool = False) -> om.Sensor:
+def sensor_looking(
+    camera_looks: str, name: str = "paper-spherical", flipped: bool = False
+) -> om.Sensor:
     sensor = om.load_sensor(name)
     return replace(
         sensor, mount=replace(sensor.mount, camera_looks=camera_looks, image_flipped=flipped)
@@ -55,16 +57,16 @@ class Ball:
 
     def radiance(self, origins_mm: np.ndarray, directions: np.ndarray) -> np.ndarray:
         d = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        way = self.centre_mm - origins_mm
-        along = (way * d).sum(axis=1)
-        seen = (along > 0) & ((way**2).sum(axis=1) - along**2 < self.radius_mm**2)
-        return np.repeat(seen.astype(np.float32)[:, None], 3, axis=1)
+        towards = self.centre_mm - origins_mm
+        along = (towards * d).sum(axis=1)
+        hit = (along > 0) & ((towards**2).sum(axis=1) - along**2 < self.radius_mm**2)
+        return np.repeat(hit.astype(np.float32)[:, None], 3, axis=1)
 
 
 @pytest.mark.parametrize("camera_looks", ["up", "down", "forward"])
 @pytest.mark.parametrize("flipped", [False, True])
 def test_rendered_ball_matches_projection(camera_looks: str, flipped: bool):
-    sensor = looking(camera_looks, flipped=flipped)
+    sensor = sensor_looking(camera_looks, flipped=flipped)
     centre = (150.0, 400.0, 90.0)
     image = om.render_image(sensor, Ball(centre, 20.0), samples=1)
     rows, columns = np.nonzero(image[..., 0])
@@ -74,12 +76,12 @@ def test_rendered_ball_matches_projection(camera_looks: str, flipped: bool):
 
 
 def test_rendered_distant_scene_matches_projection():
-    sensor, centre = looking("up"), (150.0, 70.0, 30.0)  # close enough for parallax
+    sensor, centre = sensor_looking("up"), (150.0, 70.0, 30.0)  # close enough for parallax
     image = om.render_image(sensor, Ball(centre, 9.0), samples=1, distant=True)
     rows, columns = np.nonzero(image[..., 0])
-    found = [columns.mean(), rows.mean()]
-    np.testing.assert_allclose(found, sensor.project_directions([centre]).pixels[0], atol=0.4)
-    assert np.linalg.norm(found - sensor.project([centre]).pixels[0]) > 5
+    centroid = [columns.mean(), rows.mean()]
+    np.testing.assert_allclose(centroid, sensor.project_directions([centre]).pixels[0], atol=0.4)
+    assert np.linalg.norm(centroid - sensor.project([centre]).pixels[0]) > 5
 
 
 @pytest.mark.parametrize("camera_looks", ["up", "down"])
@@ -89,15 +91,15 @@ def test_rendered_sign_matches_projection(camera_looks: str, name: str):
     bright."""
     import cv2
 
-    sensor, room = looking(camera_looks, name), om.Room(texel_mm=10.0)
+    sensor, room = sensor_looking(camera_looks, name), om.Room(texel_mm=10.0)
     image = om.render_image(sensor, room, samples=1).astype(float).mean(axis=2)
     top_left, top_right, bottom_right, bottom_left = room.sign_corners_mm("OMNIMIRROR")
     share = np.linspace(0, 1, 60)[:, None]
 
-    def outline(grow: float) -> np.ndarray:
+    def outline(factor: float) -> np.ndarray:
         corners = np.array([top_left, top_right, bottom_right, bottom_left])
         middle = corners.mean(axis=0)
-        a, b, c, d = middle + (corners - middle) * (1, grow, grow + 0.4 * (grow > 1))
+        a, b, c, d = middle + (corners - middle) * (1, factor, factor + 0.4 * (factor > 1))
         edges = np.concatenate(
             [a + share * (b - a), b + share * (c - b), c + share * (d - c), d + share * (a - d)]
         )
@@ -116,13 +118,13 @@ def test_rendered_sign_matches_projection(camera_looks: str, name: str):
 def test_image_handedness():
     """Left of the centre is west in the flipped image of an upward camera; see section 1a."""
     room = om.Room(texel_mm=10.0)
-    raw = om.render_image(small(looking("up"), 4), room, samples=1)
-    flipped = om.render_image(small(looking("up", flipped=True), 4), room, samples=1)
+    raw = om.render_image(small(sensor_looking("up"), 4), room, samples=1)
+    flipped = om.render_image(small(sensor_looking("up", flipped=True), 4), room, samples=1)
     np.testing.assert_array_equal(raw[:, ::-1], flipped)
 
 
 def test_image_outside_rim_is_black():
-    sensor = looking("up")
+    sensor = sensor_looking("up")
     image = om.render_image(sensor, Even(), samples=4)
     v, u = np.indices(image.shape[:2])
     radius = np.hypot(u - 511.5, v - 511.5)
@@ -131,7 +133,7 @@ def test_image_outside_rim_is_black():
 
 
 def test_rim_is_antialiased():
-    sensor = small(looking("up"), 16)
+    sensor = small(sensor_looking("up"), 16)
     image = om.render_image(sensor, Even(), samples=256)
     red = np.where(
         image[..., 0] <= 10,
@@ -142,7 +144,7 @@ def test_rim_is_antialiased():
 
 
 def test_rendering_is_reproducible():
-    sensor, room = small(looking("down"), 4), om.Room(texel_mm=10.0)
+    sensor, room = small(sensor_looking("down"), 4), om.Room(texel_mm=10.0)
     first = om.render_image(sensor, room, workers=1)
     np.testing.assert_array_equal(first, om.render_image(sensor, room, workers=3))
     np.testing.assert_array_equal(first, om.render_image(sensor, om.Room(texel_mm=10.0)))
@@ -150,7 +152,11 @@ def test_rendering_is_reproducible():
 
 def test_samples_are_averaged_in_linear_light():
     """Two by two samples of a pixel equal four pixels of half the size."""
-    room, coarse, fine = om.Room(texel_mm=10.0), small(looking("up"), 8), small(looking("up"), 4)
+    room, coarse, fine = (
+        om.Room(texel_mm=10.0),
+        small(sensor_looking("up"), 8),
+        small(sensor_looking("up"), 4),
+    )
     image = om.render_image(fine, room, samples=1) / 255.0
     linear = np.where(image <= 0.04045, image / 12.92, ((image + 0.055) / 1.055) ** 2.4)
     expected = srgb_bytes(linear.reshape(128, 2, 128, 2, 3).mean(axis=(1, 3)))
@@ -160,13 +166,13 @@ def test_samples_are_averaged_in_linear_light():
 
 
 def test_on_progress_counts_rows():
-    sensor, seen = small(looking("up"), 4), []
+    sensor, updates = small(sensor_looking("up"), 4), []
     om.render_image(
-        sensor, Even(), samples=16, on_progress=lambda done, total: seen.append((done, total))
+        sensor, Even(), samples=16, on_progress=lambda done, total: updates.append((done, total))
     )
-    assert seen == sorted(seen)
-    assert len(seen) > 1
-    assert seen[-1] == (256, 256)
+    assert updates == sorted(updates)
+    assert len(updates) > 1
+    assert updates[-1] == (256, 256)
 
 
 def test_pinhole_image_averaging_and_nan():
@@ -183,7 +189,7 @@ def test_pinhole_image_averaging_and_nan():
 
 def test_invalid_value_raises():
     with pytest.raises(InvalidParameter, match=r"^samples "):
-        om.render_image(looking("up"), Even(), samples=0)
+        om.render_image(sensor_looking("up"), Even(), samples=0)
     with pytest.raises(InvalidParameter, match=r"samples = 2; got \(4, 5, 3\)"):
         render_pinhole_image(Even(), np.ones((4, 5, 3)), samples=2)
 
@@ -217,7 +223,7 @@ def test_image_is_encoded_light(name, scene, options):
 
 def test_low_pass_filter_kernel():
     """A small ball: equal light and position, variance larger by 3/16 + 1/48 - 1/12 = 1/8 px^2."""
-    sensor, scene = small(looking("up"), 8), Ball((900.0, 400.0, 90.0), 60.0)
+    sensor, scene = small(sensor_looking("up"), 8), Ball((900.0, 400.0, 90.0), 60.0)
     box = expose(sensor, scene, samples=64)[..., 1].astype(float)
     tent = _low_pass_filtered(expose(_with_half_pixel_pitch(sensor), scene, samples=16))[
         ..., 1

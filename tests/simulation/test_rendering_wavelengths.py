@@ -48,11 +48,11 @@ class Stripes:
 
 def test_colour_dewarper_aligns_channels(domed):
     view = om.views.panorama(domed, (256, None), elevation_deg=(-30.0, 30.0))
-    taken = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
-    own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
+    image = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
+    cameras = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
     fringes = []
-    for dewarp in (om.Dewarper(domed, view), om.ColourDewarper(own, view)):
-        red, _, blue = np.moveaxis(dewarp(taken), -1, 0)
+    for dewarp in (om.Dewarper(domed, view), om.ColourDewarper(cameras, view)):
+        red, _, blue = np.moveaxis(dewarp(image), -1, 0)
         fringes.append(float(np.sqrt(np.mean((red - blue) ** 2))))
     assert fringes[0] > 0.02
     assert fringes[1] < 0.3 * fringes[0]
@@ -64,16 +64,16 @@ def test_channels_use_their_camera(domed, channels, transparent):
     view = om.views.panorama(
         domed, (200, None), elevation_deg=(-60.0, 60.0)
     )  # extends beyond the field
-    own = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
-    picture = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
+    cameras = tuple(om.at_wavelength(domed, nm) for nm in WAVES)
+    image = np.random.default_rng(5).integers(0, 256, (256, 256, channels), np.uint8)
     border = (9, 8, 7, 0)[:channels]
     out = np.empty((view.size[1], view.size[0], 4 if transparent else channels), np.uint8)
-    dewarp = om.ColourDewarper(own, view, border=border)
-    assert dewarp(picture, transparent, out) is out
-    whole = [om.Dewarper(camera, view, border=border)(picture, transparent) for camera in own]
-    for channel, of in enumerate((0, 1, 2, 1)[: out.shape[2]]):
-        np.testing.assert_array_equal(out[..., channel], whole[of][..., channel])
-    np.testing.assert_array_equal(dewarp.valid, om.Dewarper(own[1], view).valid)
+    dewarp = om.ColourDewarper(cameras, view, border=border)
+    assert dewarp(image, transparent, out) is out
+    whole = [om.Dewarper(camera, view, border=border)(image, transparent) for camera in cameras]
+    for channel, camera_index in enumerate((0, 1, 2, 1)[: out.shape[2]]):
+        np.testing.assert_array_equal(out[..., channel], whole[camera_index][..., channel])
+    np.testing.assert_array_equal(dewarp.valid, om.Dewarper(cameras[1], view).valid)
     assert not dewarp.valid.all()
 
 
@@ -82,7 +82,9 @@ def test_command_line_aligns_channels(domed, tmp_path):
     light = om.expose(domed, Stripes(), samples=4, wavelengths_nm=WAVES)
     om.write_image(tmp_path / "rings.png", np.round(255 * np.clip(light, 0, 1)).astype(np.uint8))
     fringes = []
-    for i, asked in enumerate([(), ("--set", f"image.wavelengths_nm={','.join(map(str, WAVES))}")]):
+    for i, options in enumerate(
+        [(), ("--set", f"image.wavelengths_nm={','.join(map(str, WAVES))}")]
+    ):
         arguments = (
             "rings.png",
             "--sensor",
@@ -92,7 +94,7 @@ def test_command_line_aligns_channels(domed, tmp_path):
             "256x",
             "--set=image.transparent=false",
         )
-        done = omnimirror("dewarp", *arguments, *asked, "-o", f"{i}.png", cwd=tmp_path)
+        done = omnimirror("dewarp", *arguments, *options, "-o", f"{i}.png", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         dewarped = om.read_image(tmp_path / f"{i}.png").astype(float)
         fringes.append(float(np.sqrt(np.mean((dewarped[..., 0] - dewarped[..., 2]) ** 2))))

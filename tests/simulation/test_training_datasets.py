@@ -61,7 +61,7 @@ def moments():
 
 
 @pytest.fixture(scope="module")
-def found(moments):
+def ground_truth(moments):
     return training_ground_truth(SMALL, *moments)
 
 
@@ -71,68 +71,74 @@ def in_scene(moment, truth, valid):
     ] @ moment.pose.rotation().T
 
 
-def test_normals_match_faces(moments, found):
-    valid = np.isfinite(found.truth.depth_mm) & (found.labels != ON_CART)
-    origins, towards = in_scene(moments[0], found.truth, valid)
+def test_normals_match_faces(moments, ground_truth):
+    valid = np.isfinite(ground_truth.truth.depth_mm) & (ground_truth.labels != ON_CART)
+    origins, towards = in_scene(moments[0], ground_truth.truth, valid)
     faces = intersect_boxes(ROOM, SOLIDS, origins, towards).face
     boxes = (ROOM, *SOLIDS)
     normals = np.array([face_of(boxes[f // 6], f % 6, inside=f < 6).normal for f in faces])
     right = normals @ moments[0].pose.rotation()
-    off = np.degrees(np.arccos(np.clip((right * found.normals[valid]).sum(axis=1), -1, 1)))
+    angles_deg = np.degrees(
+        np.arccos(np.clip((right * ground_truth.normals[valid]).sum(axis=1), -1, 1))
+    )
     assert valid.sum() > 4000
-    assert off.max() < 0.01
+    assert angles_deg.max() < 0.01
 
 
 def test_normals_near_creases_match_face():
-    """Rays to points 0.02 to 1 mm beside the edges of the room, where adjacent rays meet another face."""
+    """Rays to points 0.02 to 1 mm from the edges of the room, where adjacent rays meet another face."""
     rng = np.random.default_rng(4)
     lowest, highest = (np.array(ROOM.low), np.array(ROOM.high))
-    place = rng.uniform(lowest, highest, (3000, 3))
+    points = rng.uniform(lowest, highest, (3000, 3))
     axis, other = rng.integers(0, 3, 3000), rng.integers(1, 3, 3000)
     rows, side = np.arange(3000), rng.random((2, 3000)) < 0.5
-    place[rows, axis] = np.where(side[0], lowest[axis], highest[axis])
+    points[rows, axis] = np.where(side[0], lowest[axis], highest[axis])
     other = (axis + other) % 3
     inwards = 10 ** rng.uniform(-1.7, 0, 3000)
-    place[rows, other] = np.where(side[1], lowest[other] + inwards, highest[other] - inwards)
+    points[rows, other] = np.where(side[1], lowest[other] + inwards, highest[other] - inwards)
     origins = np.tile([100.0, 50.0, 30.0], (3000, 1))
-    towards = place - origins
+    towards = points - origins
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     scene = om.Room(texel_mm=40.0)
     faces = intersect_boxes(ROOM, SOLIDS, origins, towards).face
     right = np.array([face_of((ROOM, *SOLIDS)[f // 6], f % 6, inside=f < 6).normal for f in faces])
     depth = scene.distance_mm(origins, towards)
-    found = _normals(PosedScene(scene, om.Pose()), origins, towards, depth)
-    off = np.degrees(np.arccos(np.clip((right * found).sum(axis=1), -1, 1)))
-    assert (off < 0.1).mean() > 0.998  # others are within 1 mm of a corner, where three faces meet
+    normals = _normals(PosedScene(scene, om.Pose()), origins, towards, depth)
+    angles_deg = np.degrees(np.arccos(np.clip((right * normals).sum(axis=1), -1, 1)))
+    assert (
+        angles_deg < 0.1
+    ).mean() > 0.998  # others are within 1 mm of a corner, where three faces meet
     assert (faces < 6).mean() > 0.5
 
 
-def test_body_normals(moments, found):
-    on = found.labels == ON_CART
+def test_body_normals(moments, ground_truth):
+    on = ground_truth.labels == ON_CART
     assert on.sum() > 20
     turn = CART.pose_at(0.2).rotation().T @ moments[0].pose.rotation()
-    own = np.abs(found.normals[on] @ turn.T)
+    own = np.abs(ground_truth.normals[on] @ turn.T)
     np.testing.assert_allclose(own.max(axis=1), 1.0, atol=1e-6)
-    place = CART.pose_at(0.2).to_sensor(moments[0].pose.to_scene(found.truth.points_mm[on])) / (
-        np.array(CART.size_mm) / 2
-    )
-    np.testing.assert_allclose(np.abs(place).max(axis=1), 1.0, atol=1e-9)
-    assert (np.abs(place).argmax(axis=1) == own.argmax(axis=1)).all()
+    points = CART.pose_at(0.2).to_sensor(
+        moments[0].pose.to_scene(ground_truth.truth.points_mm[on])
+    ) / (np.array(CART.size_mm) / 2)
+    np.testing.assert_allclose(np.abs(points).max(axis=1), 1.0, atol=1e-9)
+    assert (np.abs(points).argmax(axis=1) == own.argmax(axis=1)).all()
 
 
-def test_labels_match_scene(moments, found):
+def test_labels_match_scene(moments, ground_truth):
     names = ("nothing", *moments[0].scene.label_names)
     assert names[-1] == "cart"
-    valid = np.isfinite(found.truth.depth_mm)
-    assert not found.labels[~valid].any()
-    seen = {names[label] for label in np.unique(found.labels)}
-    assert {"nothing", "wall ahead", "floor", "cart"} <= seen
-    points = moments[0].pose.to_scene(found.truth.points_mm[found.labels == names.index("floor")])
+    valid = np.isfinite(ground_truth.truth.depth_mm)
+    assert not ground_truth.labels[~valid].any()
+    names_in_image = {names[label] for label in np.unique(ground_truth.labels)}
+    assert {"nothing", "wall ahead", "floor", "cart"} <= names_in_image
+    points = moments[0].pose.to_scene(
+        ground_truth.truth.points_mm[ground_truth.labels == names.index("floor")]
+    )
     np.testing.assert_allclose(points[:, 2], ROOM.low[2], atol=1e-6)
     for name in FURNITURE:  # pixels labelled as table are on a box of the table
-        on = found.labels == names.index(name)
+        on = ground_truth.labels == names.index(name)
         assert on.sum() > 10 or name not in ("table", "bookcase", "armchair"), name
-        points = moments[0].pose.to_scene(found.truth.points_mm[on])
+        points = moments[0].pose.to_scene(ground_truth.truth.points_mm[on])
         boxes = [piece.box for piece in PIECES if piece.name == name]
         outside = [
             np.maximum(np.array(b.low) - points, points - np.array(b.high)).max(axis=1)
@@ -141,30 +147,38 @@ def test_labels_match_scene(moments, found):
         assert np.abs(np.min(outside, axis=0)).max(initial=0.0) < 1e-6, name
 
 
-def test_flow_matches_next_frame(moments, found):
+def test_flow_matches_next_frame(moments, ground_truth):
     """Retraced ray of that pixel: static points are unchanged, and body points have moved."""
-    v, u = np.nonzero(found.visible_again)
-    there = np.stack([u, v], axis=1) + found.flow_px[found.visible_again]
-    rays = SMALL.backproject(there)
+    v, u = np.nonzero(ground_truth.visible_again)
+    pixels = np.stack([u, v], axis=1) + ground_truth.flow_px[ground_truth.visible_again]
+    rays = SMALL.backproject(pixels)
     after = moments[1]
-    reach = after.posed_scene.distance_mm(rays.origins, rays.directions)
-    ends = after.pose.to_scene(rays.origins + reach[:, None] * rays.directions)
-    points = moments[0].pose.to_scene(found.truth.points_mm[found.visible_again])
-    on_body = found.labels[found.visible_again] == ON_CART
+    distance_mm = after.posed_scene.distance_mm(rays.origins, rays.directions)
+    ends = after.pose.to_scene(rays.origins + distance_mm[:, None] * rays.directions)
+    points = moments[0].pose.to_scene(ground_truth.truth.points_mm[ground_truth.visible_again])
+    on_body = ground_truth.labels[ground_truth.visible_again] == ON_CART
     assert on_body.sum() > 10
     points[on_body] = CART.pose_at(0.35).to_scene(CART.pose_at(0.2).to_sensor(points[on_body]))
     assert np.linalg.norm(ends - points, axis=1).max() < 20.0  # grazing rays
     assert np.quantile(np.linalg.norm(ends - points, axis=1), 0.99) < 1e-3
-    assert 0.7 < found.visible_again.sum() / np.isfinite(found.truth.depth_mm).sum() < 1.0
+    assert (
+        0.7
+        < ground_truth.visible_again.sum() / np.isfinite(ground_truth.truth.depth_mm).sum()
+        < 1.0
+    )
 
 
-def test_occluded_points_are_not_visible_again(moments, found):
+def test_occluded_points_are_not_visible_again(moments, ground_truth):
     """Pixels whose point is occluded in the next frame, by a body that was elsewhere before."""
     empty = [Moment(SceneWithBodies(m.scene.scene, (), m.scene.time_s), m.pose) for m in moments]
     without = training_ground_truth(SMALL, *empty)
-    lost = without.visible_again & ~found.visible_again & (found.labels == without.labels)
-    v, u = np.nonzero(lost)
-    rays = SMALL.backproject(np.stack([u, v], axis=1) + without.flow_px[lost])
+    occluded = (
+        without.visible_again
+        & ~ground_truth.visible_again
+        & (ground_truth.labels == without.labels)
+    )
+    v, u = np.nonzero(occluded)
+    rays = SMALL.backproject(np.stack([u, v], axis=1) + without.flow_px[occluded])
     labels = moments[1].scene.labels(
         moments[1].pose.to_scene(rays.origins), rays.directions @ moments[1].pose.rotation().T
     )
@@ -178,7 +192,7 @@ def test_shards_are_complete_and_reproducible(tmp_path):
         SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
     )
     counts = []
-    made = [
+    results = [
         om.write_training_dataset(
             tiny,
             om.Room(texel_mm=40.0),
@@ -193,9 +207,9 @@ def test_shards_are_complete_and_reproducible(tmp_path):
         for name, workers in (("a", 1), ("b", 2))
     ]
     assert counts == 2 * [(1, 3), (2, 3), (3, 3)]
-    assert [p.read_bytes() for p in made[0]] == [p.read_bytes() for p in made[1]]
+    assert [p.read_bytes() for p in results[0]] == [p.read_bytes() for p in results[1]]
     names, samples = [], {}
-    for shard in made[0]:
+    for shard in results[0]:
         with tarfile.open(shard) as tar:
             for entry in tar:
                 names.append(entry.name)
@@ -259,18 +273,22 @@ def test_sky_flow():
         Moment(SceneWithBodies(street, (), 0.0), pose)
         for pose in (om.Pose(), om.Pose(300.0, pan_deg=8.0))
     )
-    found = training_ground_truth(SMALL, first, second)
-    sky = np.isinf(found.truth.depth_mm)
+    ground_truth = training_ground_truth(SMALL, first, second)
+    sky = np.isinf(ground_truth.truth.depth_mm)
     assert sky.sum() > 200
-    assert not found.labels[sky].any()
-    assert np.isnan(found.normals[sky]).all()
-    again = sky & found.visible_again
-    v, u = np.nonzero(again)
-    towards = SMALL.backproject(np.stack([u, v], axis=1) + found.flow_px[again]).directions
-    turned = found.truth.directions[again] @ second.pose.rotation()
-    np.testing.assert_allclose(towards, turned, atol=1e-9)
-    ground = np.isfinite(found.truth.depth_mm) & (found.truth.points_mm[..., 2] < -1000)
-    assert np.median(np.abs(found.normals[ground][:, 2])) > 0.999
+    assert not ground_truth.labels[sky].any()
+    assert np.isnan(ground_truth.normals[sky]).all()
+    visible_sky = sky & ground_truth.visible_again
+    v, u = np.nonzero(visible_sky)
+    towards = SMALL.backproject(
+        np.stack([u, v], axis=1) + ground_truth.flow_px[visible_sky]
+    ).directions
+    directions = ground_truth.truth.directions[visible_sky] @ second.pose.rotation()
+    np.testing.assert_allclose(towards, directions, atol=1e-9)
+    ground = np.isfinite(ground_truth.truth.depth_mm) & (
+        ground_truth.truth.points_mm[..., 2] < -1000
+    )
+    assert np.median(np.abs(ground_truth.normals[ground][:, 2])) > 0.999
 
 
 # -- command line
@@ -308,7 +326,7 @@ def test_command_matches_python(tmp_path):
         tmp_path / "command",
     )
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
-    made = om.write_training_dataset(
+    results = om.write_training_dataset(
         om.load_sensor(sensor),
         om.load_scene("room"),
         path=om.load_path(tmp_path / "walk.csv"),
@@ -317,7 +335,7 @@ def test_command_matches_python(tmp_path):
         samples=1,
         per_shard=2,
     )
-    assert len(made) == 2
+    assert len(results) == 2
     for path in (tmp_path / "made").iterdir():
         assert (tmp_path / "command" / path.name).read_bytes() == path.read_bytes(), path.name
     assert "cart" in (tmp_path / "command" / "README.md").read_text()

@@ -22,7 +22,7 @@ from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
 from tests.everyday import few
 from tests.optics.tracing.test_mitsuba import mi  # noqa: F401 - a fixture
-from tests.simulation.test_mitsuba_images import ball, compared, maps, rendered, small
+from tests.simulation.test_mitsuba_images import ball, compare_images, maps, render_mitsuba, small
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -66,10 +66,14 @@ def test_ghost_radiance_matches_reflectance():
     half = np.zeros((64, 128, 3), np.float32)
     half[:, :64] = 1.0  # bright on the left, y > 0
     inside = ThroughShell(Environment(half), Tube(120.0), om.load_sensor("paper-spherical"))
-    seen = inside.radiance(np.full((2, 3), [0, 0, -20.0]), np.array([[0, 1.0, 0], [0, -1.0, 0]]))
-    passed = float(wall_transmission(0.0, 1.49))
+    radiance = inside.radiance(
+        np.full((2, 3), [0, 0, -20.0]), np.array([[0, 1.0, 0], [0, -1.0, 0]])
+    )
+    transmission = float(wall_transmission(0.0, 1.49))
     np.testing.assert_allclose(
-        seen[:, 0], [passed + (1 - passed) ** 2 * passed, (1 - passed) * passed], atol=1e-6
+        radiance[:, 0],
+        [transmission + (1 - transmission) ** 2 * transmission, (1 - transmission) * transmission],
+        atol=1e-6,
     )
 
 
@@ -85,7 +89,7 @@ def test_ghosts_reflect_at_mirror_and_end_at_lids(shell):
         shell = replace(
             shell, centre_mm=float(-rays.origins[0] @ sensor.axis)
         )  # horizontal rays pass its centre
-    seen, closed = (
+    open_radiance, closed = (
         float(
             ThroughShell(Environment(below), shell, sensor, lids).radiance(
                 rays.origins, rays.directions
@@ -93,7 +97,7 @@ def test_ghosts_reflect_at_mirror_and_end_at_lids(shell):
         )
         for lids in ((), (-sensor.mirror_distance_mm,))
     )
-    assert seen > 0.02  # it leaves through the wall below the lens, or the open end
+    assert open_radiance > 0.02  # it leaves through the wall below the lens, or the open end
     assert closed == 0
 
 
@@ -136,24 +140,24 @@ def test_rendered_housing_matches_obscured_angles(housing):
 def test_misaligned_mirror_in_housing():
     for housing in (Housing(shell=Tube()), Housing(shell=Dome()), Housing(rod=Rod())):
         sensor = replace(om.load_sensor("paper-spherical"), housing=housing)
-        moved = replace(sensor, mirror_pose=MirrorPose(1.0, 0.5, 0.3, 0.5, 0.5))
-        assert moved.obstructions == sensor.obstructions
+        misaligned = replace(sensor, mirror_pose=MirrorPose(1.0, 0.5, 0.3, 0.5, 0.5))
+        assert misaligned.obstructions == sensor.obstructions
 
 
 # -- domes -------------------------------------------------------------------------------------------
 
 
-def some_rays(count, reach):
+def random_rays(count, half_width):
     chance = np.random.default_rng(3)
     directions = chance.normal(size=(count, 3))
-    return chance.uniform(-reach, reach, (count, 3)), directions / np.linalg.norm(
+    return chance.uniform(-half_width, half_width, (count, 3)), directions / np.linalg.norm(
         directions, axis=1, keepdims=True
     )
 
 
 def test_concentric_dome_matches_closed_form():
     a, b, n, centre = 97.0, 100.0, 1.49, np.array([0.0, 0.0, -20.0])
-    points, directions = some_rays(200, 30.0)
+    points, directions = random_rays(200, 30.0)
     transmit_from_inside = through_dome(points, directions, (centre, a), (centre, b), n, 1.0)
     s, left = (
         np.linalg.norm(np.cross(p - centre, d), axis=1)
@@ -162,22 +166,27 @@ def test_concentric_dome_matches_closed_form():
             (transmit_from_inside.points, transmit_from_inside.directions),
         )
     )
-    turned = np.arcsin(s / a) - np.arcsin(s / (n * a)) + np.arcsin(s / (n * b)) - np.arcsin(s / b)
-    found = np.arctan2(
+    deflection = (
+        np.arcsin(s / a) - np.arcsin(s / (n * a)) + np.arcsin(s / (n * b)) - np.arcsin(s / b)
+    )
+    deflections = np.arctan2(
         np.linalg.norm(np.cross(directions, transmit_from_inside.directions), axis=1),
         np.einsum("ni,ni->n", directions, transmit_from_inside.directions),
     )
     np.testing.assert_allclose(left, s, atol=1e-9)
-    np.testing.assert_allclose(found, turned, atol=1e-12)
-    assert np.degrees(turned.max()) > 0.3
+    np.testing.assert_allclose(deflections, deflection, atol=1e-12)
+    assert np.degrees(deflection.max()) > 0.3
 
 
 def test_dome_about_viewpoint_preserves_directions():
     sensor = om.load_sensor("paper-hyperboloidal")
     height = float(om.evaluate(sensor, omega_deg=[90.0]).viewpoint_z_mm[0])
     rays = sensor.backproject(np.random.default_rng(1).uniform(100, 900, (200, 2)))
-    turn = sensor.mount.rotation()
-    origins, directions = rays.origins[rays.valid] @ turn, rays.directions[rays.valid] @ turn
+    rotation = sensor.mount.rotation()
+    origins, directions = (
+        rays.origins[rays.valid] @ rotation,
+        rays.directions[rays.valid] @ rotation,
+    )
     transmit_from_inside = passage_of(Dome(160.0, 4.0, centre_mm=height), origins, directions)
     np.testing.assert_allclose(
         transmit_from_inside.directions, directions, atol=2e-6
@@ -187,7 +196,7 @@ def test_dome_about_viewpoint_preserves_directions():
 
 def test_eccentric_dome_matches_mitsuba(mi):  # noqa: F811
     dome = Dome(200.0, 8.0, 1.6, centre_mm=-40.0, inner_shift_mm=4.0)
-    points, directions = some_rays(100, 40.0)
+    points, directions = random_rays(100, 40.0)
     points[:, 2] -= 40.0
     transmit_from_inside = passage_of(dome, points, directions)
     spheres = [
@@ -211,17 +220,17 @@ def glass(inside, outside):
 @pytest.mark.full
 def test_dome_image_matches_mitsuba(mi):  # noqa: F811
     """Mitsuba's paths include random reflections between two spheres and the mirror."""
-    sensor, (ours, theirs) = small("paper-spherical", 64, MirrorPose()), maps()
+    sensor, (texels, mitsuba_texels) = small("paper-spherical", 64, MirrorPose()), maps()
     dome = Dome(236.0, centre_mm=-75.0)
-    image = expose(sensor, ThroughShell(Environment(ours), dome, sensor), samples=64, blur=True)
-    plain = expose(sensor, Environment(ours), samples=64, blur=True)
+    image = expose(sensor, ThroughShell(Environment(texels), dome, sensor), samples=64, blur=True)
+    plain = expose(sensor, Environment(texels), samples=64, blur=True)
     shells = {
         name: {"type": "sphere", "radius": r, "center": [0, 0, -75.0], "bsdf": glass(*indices)}
         for name, r, indices in (("inner", 115.0, (1.0, 1.49)), ("outer", 118.0, (1.49, 1.0)))
     }
-    other = rendered(mi, sensor, ball(sensor), theirs, 2500, shells)
-    decibels, shift = compared(sensor, image, other)
+    reference = render_mitsuba(mi, sensor, ball(sensor), mitsuba_texels, 2500, shells)
+    decibels, shift = compare_images(sensor, image, reference)
     print(f"{decibels:.1f} dB, no sector shifted by more than {shift:.4f} px")
-    assert decibels > compared(sensor, plain, other)[0] + 8
+    assert decibels > compare_images(sensor, plain, reference)[0] + 8
     assert decibels > 45
     assert shift < 0.02

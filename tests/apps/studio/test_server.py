@@ -33,8 +33,8 @@ from omnimirror.calibration import rim
 from omnimirror.interop.http_server.auth import is_loopback
 from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
 from omnimirror.interop.http_server.server import listen
-from tests.io.test_orientation import tagged
-from tests.io.test_video import make_turned
+from tests.io.test_orientation import write_with_orientation
+from tests.io.test_video import write_rotated
 from tests.serving import in_a_loop
 
 from .browser import serving
@@ -411,8 +411,8 @@ def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path
     """Images, uploads and videos, compared with the files as OpenCV reads them with and without."""
     folder = tmp_path / "in"
     folder.mkdir()
-    image = tagged(folder / "a.png", TURNED, 6)
-    video = make_turned(folder / "b.mp4", 90)
+    image = write_with_orientation(folder / "a.png", TURNED, 6)
+    video = write_rotated(folder / "b.mp4", 90)
     flag = cv2.IMREAD_COLOR | (cv2.IMREAD_IGNORE_ORIENTATION if stored else 0)
     expected = cv2.imread(str(image), flag)
     capture = cv2.VideoCapture(str(video))
@@ -450,7 +450,7 @@ def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path
 
 @pytest.mark.parametrize(("command", "more"), [("view", ["a.png"]), ("studio", [])])
 def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, command, more):
-    tagged(tmp_path / "a.png", TURNED, 6)
+    write_with_orientation(tmp_path / "a.png", TURNED, 6)
     monkeypatch.chdir(tmp_path)
     started = []
     monkeypatch.setattr(app, "serve", lambda studio, *rest: started.append(studio))

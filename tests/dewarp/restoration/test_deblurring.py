@@ -87,11 +87,11 @@ def test_blur_matrix_matches_ray_traced_blur(small: Restorer, scene: om.Environm
 
 
 def test_restoration_gains_on_unseen_scene(small: Restorer, scene: om.Environment):
-    found = gains(small, scene)
+    result = gains(small, scene)
     rest, outer = TARGETS["paper-spherical"]
-    assert found.gain_db[0] > rest
-    assert found.gain_db[1] > outer
-    assert found.tenths_db.min() > -0.2
+    assert result.gain_db[0] > rest
+    assert result.gain_db[1] > outer
+    assert result.tenths_db.min() > -0.2
 
 
 @pytest.mark.full
@@ -99,56 +99,55 @@ def test_restoration_gains_on_unseen_scene(small: Restorer, scene: om.Environmen
 @pytest.mark.parametrize("kind", ["dead leaves", "hall"])
 def test_paper_sensor_restoration_gain(name: str, kind: str):
     """Two kinds of scenes that were excluded from tuning."""
-    found = gains(
+    result = gains(
         Restorer(om.load_sensor(name)), dead_leaves() if kind == "dead leaves" else om.Hall()
     )
-    assert found.gain_db[0] > TARGETS[name][0]
-    assert found.gain_db[1] > (
+    assert result.gain_db[0] > TARGETS[name][0]
+    assert result.gain_db[1] > (
         5.5 if (name, kind) == ("paper-spherical", "hall") else TARGETS[name][1]
     )
-    assert found.tenths_db.min() > -0.2
+    assert result.tenths_db.min() > -0.2
 
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
 def test_restoration_preserves_textured_scene(small: Restorer, times: float):
     """Clouds, whose finest detail is below the noise, permit little gain and do not reveal
     overestimated blur."""
-    told = (
+    restorer = (
         small if times == 1 else Restorer(small.camera, specified=small.known.scaled(times).sizes)
     )
-    found = gains(told, clouds(1024))
-    assert found.tenths_db.min() > -0.1
-    assert found.gain_db[1] > 0.5
+    result = gains(restorer, clouds(1024))
+    assert result.tenths_db.min() > -0.1
+    assert result.gain_db[1] > 0.5
 
 
 def test_restoration_gain_increases_with_lower_noise(small: Restorer, scene: om.Environment):
     """At 0.3 %, where errors of the known blur exceed the noise and must not be amplified."""
-    found = gains(small, scene, noise=0.003)
-    assert found.gain_db[0] > 2.5
-    assert found.gain_db[1] > 3.5
-    assert found.tenths_db.min() > 1
+    result = gains(small, scene, noise=0.003)
+    assert result.gain_db[0] > 2.5
+    assert result.gain_db[1] > 3.5
+    assert result.tenths_db.min() > 1
 
 
 @pytest.mark.parametrize("times", [1.0, 1.15])
 def test_restoration_gains_at_rim_with_saturation(small: Restorer, shared_data: Path, times: float):
-    """They reveal all errors of the blur; very bright points with black gaps would be another
-    solution."""
+    """Saturated points amplify all errors of the blur; very bright points with black gaps would be another solution."""
     photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
-    told = (
+    restorer = (
         small if times == 1 else Restorer(small.camera, specified=small.known.scaled(times).sizes)
     )
-    found = gains(told, load_environment(photograph))
-    assert found.tenths_db.min() > -0.1
-    assert found.gain_db[1] > 0.3
+    result = gains(restorer, load_environment(photograph))
+    assert result.tenths_db.min() > -0.1
+    assert result.gain_db[1] > 0.3
 
 
 def test_white_image_is_unchanged(smaller: Restorer):
-    """A saturated pixel can have had any higher value, as can its neighbours."""
-    picture = np.random.default_rng(3).integers(40, 90, (160, 160, 3), dtype=np.uint8)
-    picture[:, 110:] = 255
-    restored = smaller(picture, 0.02, 1.0)
+    """A saturated pixel and its neighbours may have any higher true value."""
+    image = np.random.default_rng(3).integers(40, 90, (160, 160, 3), dtype=np.uint8)
+    image[:, 110:] = 255
+    restored = smaller(image, 0.02, 1.0)
     assert (restored[:, 115:] == 255).all()
-    assert (restored[:, :105] != picture[:, :105]).any()
+    assert (restored[:, :105] != image[:, :105]).any()
 
 
 @pytest.mark.full
@@ -157,11 +156,13 @@ def test_blur_depends_on_object_distance(scene: om.Environment):
     causes no damage."""
     sensor = with_fewer_pixels(om.load_sensor("paper-hyperboloidal"), 160, 0.625)
     near = Around(scene, 300.0)
-    right, wrong = (gains(Restorer(sensor, distance), near).gain_db for distance in (300.0, np.inf))
-    assert right[0] > wrong[0] + 0.1
-    assert right[1] > wrong[1] + 2
+    right, mismatched = (
+        gains(Restorer(sensor, distance), near).gain_db for distance in (300.0, np.inf)
+    )
+    assert right[0] > mismatched[0] + 0.1
+    assert right[1] > mismatched[1] + 2
     assert right.min() > 2.5
-    assert wrong.min() > 0
+    assert mismatched.min() > 0
 
 
 @pytest.mark.parametrize("level", [0.15, 0.5, 0.85])
@@ -197,57 +198,57 @@ def test_restoration_is_consistent_across_image_types(smaller: Restorer, scene: 
     byte = om.render_image(smaller.camera, scene, samples=32, blur=True)
     reference = smaller(byte, 0.01, 1.0) / 255
     light = om.expose(smaller.camera, scene, samples=32, blur=True)
-    for picture in (byte * np.uint16(257), light):
-        restored = smaller(picture, 0.01, 1.0)
-        assert restored.dtype == picture.dtype
-        assert restored.shape == picture.shape
-        values = srgb_from_linear(restored) if picture is light else restored / 65535
+    for image in (byte * np.uint16(257), light):
+        restored = smaller(image, 0.01, 1.0)
+        assert restored.dtype == image.dtype
+        assert restored.shape == image.shape
+        values = srgb_from_linear(restored) if image is light else restored / 65535
         assert np.sqrt(((values - reference) ** 2).mean()) < 0.006
 
 
 def test_restoration_preserves_alpha_and_outside(smaller: Restorer):
-    picture = np.random.default_rng(0).integers(0, 255, (160, 160, 4), dtype=np.uint8)
-    restored = smaller(picture, 0.05, 1.0)
-    np.testing.assert_array_equal(restored[..., 3], picture[..., 3])
+    image = np.random.default_rng(0).integers(0, 255, (160, 160, 4), dtype=np.uint8)
+    restored = smaller(image, 0.05, 1.0)
+    np.testing.assert_array_equal(restored[..., 3], image[..., 3])
     outside = smaller.fraction == 0
-    np.testing.assert_array_equal(restored[outside], picture[outside])
-    assert (restored[~outside] != picture[~outside]).any()
+    np.testing.assert_array_equal(restored[outside], image[outside])
+    assert (restored[~outside] != image[~outside]).any()
 
 
 def test_restoration_commutes_with_flip(smaller: Restorer, scene: om.Environment):
     """Also off centre, where a flip moves the optical axis; neighbours are one-sided, so not exact
     to the byte."""
     sensor = replace(smaller.camera, imager=replace(smaller.camera.imager, centre_px=(68.0, 80.0)))
-    picture = om.render_image(sensor, scene, samples=32, blur=True)
+    image = om.render_image(sensor, scene, samples=32, blur=True)
     flipped = replace(sensor, mount=replace(sensor.mount, image_flipped=True))
-    restored = Restorer(sensor)(picture, 0.01, 1.0).astype(float)
-    reversed_picture = np.ascontiguousarray(picture[:, ::-1])
-    other, wrong = (
-        Restorer(camera)(reversed_picture, 0.01, 1.0)[:, ::-1] for camera in (flipped, sensor)
+    restored = Restorer(sensor)(image, 0.01, 1.0).astype(float)
+    reversed_image = np.ascontiguousarray(image[:, ::-1])
+    other, mismatched = (
+        Restorer(camera)(reversed_image, 0.01, 1.0)[:, ::-1] for camera in (flipped, sensor)
     )
     assert np.sqrt(((other - restored) ** 2).mean()) < 0.2 * np.sqrt(
-        ((wrong - restored) ** 2).mean()
+        ((mismatched - restored) ** 2).mean()
     )
 
 
 def test_pixels_beyond_rim_do_not_affect_restoration(smaller: Restorer, scene: om.Environment):
     """A wall, a window or a lamp behind the mirror: up to the last restored pixel."""
-    picture = om.render_image(smaller.camera, scene, samples=32, blur=True)
+    image = om.render_image(smaller.camera, scene, samples=32, blur=True)
     beyond = smaller.radius > smaller.known.whole_radius_px
-    others = [picture.copy(), picture.copy()]
+    others = [image.copy(), image.copy()]
     others[0][beyond] = 255
     others[1][beyond] = np.random.default_rng(1).integers(0, 255, (int(beyond.sum()), 3))
-    restored = smaller(picture, 0.01)
+    restored = smaller(image, 0.01)
     for other in others:
         np.testing.assert_array_equal(smaller(other, 0.01)[~beyond], restored[~beyond])
-    assert (restored[~beyond] != picture[~beyond]).any()
+    assert (restored[~beyond] != image[~beyond]).any()
 
 
 @pytest.mark.long
 def test_specified_blur_restores_other_cameras(smaller: Restorer, scene: om.Environment):
     """Image of a sensor with the blur specified in each form: equal to that of the sensor, up to
     the rim."""
-    picture = om.render_image(smaller.camera, scene, samples=32, blur=True)
+    image = om.render_image(smaller.camera, scene, samples=32, blur=True)
     centre, rim = smaller.camera.symmetry.centre_px, smaller.camera.rim_radius_px
     ball = om.MirrorBall(
         centre_px=centre, rim_radius_px=rim, field_deg=360.0, image_size=(160, 160)
@@ -258,16 +259,16 @@ def test_specified_blur_restores_other_cameras(smaller: Restorer, scene: om.Envi
     radii = np.linspace(0, 81, 82)
     table = np.stack([radii, *smaller.known.sizes(radii)], axis=-1)
     inner = smaller.radius < 0.9 * rim
-    expected = smaller(picture, 0.01, 1.0).astype(float)
-    gain = np.sqrt(((expected - picture)[inner] ** 2).mean())
-    for camera, told in (
+    expected = smaller(image, 0.01, 1.0).astype(float)
+    gain = np.sqrt(((expected - image)[inner] ** 2).mean())
+    for camera, sizes in (
         (ball, table),
         (ocam, table),
         (ball, smaller.known.sizes),
         (smaller.camera, table),
     ):
-        found = Restorer(camera, specified=told)(picture, 0.01, 1.0)
-        assert np.sqrt(((found - expected)[inner] ** 2).mean()) < 0.05 * gain, camera
+        restored = Restorer(camera, specified=sizes)(image, 0.01, 1.0)
+        assert np.sqrt(((restored - expected)[inner] ** 2).mean()) < 0.05 * gain, camera
 
 
 @pytest.mark.parametrize("times", [1.4, pytest.param(2.0, marks=pytest.mark.full)])
@@ -276,10 +277,10 @@ def test_overestimated_blur_is_reduced(small: Restorer, scene: om.Environment, t
     noisy = om.render_image(
         small.camera, scene, samples=64, blur=True
     ) + 2.55 * np.random.default_rng(1).standard_normal(3)
-    picture = np.clip(noisy, 0, 255).astype(np.uint8)
-    assert small.blur_fraction(picture, 0.01) == 1
-    told = Restorer(small.camera, specified=small.known.scaled(times).sizes)
-    assert told.blur_fraction(picture, 0.01) * times == pytest.approx(1.0, abs=0.25)
+    image = np.clip(noisy, 0, 255).astype(np.uint8)
+    assert small.blur_fraction(image, 0.01) == 1
+    restorer = Restorer(small.camera, specified=small.known.scaled(times).sizes)
+    assert restorer.blur_fraction(image, 0.01) * times == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.parametrize(
@@ -290,18 +291,17 @@ def test_overestimated_blur_is_reduced(small: Restorer, scene: om.Environment, t
     ),
 )
 def test_large_blur_on_small_image_is_reduced(name: str, world):
-    """A correctly specified blur is removed; of one that is specified too large, no more than is
-    present, or none."""
+    """A correctly specified blur is removed; if the specified blur is too large, at most the actual blur is removed."""
     sensor = om.load_sensor(name)
     sensor = with_fewer_pixels(sensor, 256, sensor.lens.f_number * 256 / sensor.imager.width_px)
-    taken = om.render_image(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
+    noisy = om.render_image(sensor, world(), samples=64, blur=True) + 2.55 * np.random.default_rng(
         1
     ).standard_normal((256, 256, 3))
-    picture = np.rint(np.clip(taken, 0, 255)).astype(np.uint8)
-    known = Restorer(sensor).known
+    image = np.rint(np.clip(noisy, 0, 255)).astype(np.uint8)
+    blur = Restorer(sensor).known
     for times in (1, 1.5, 1.9, 2):
-        removed = times * Restorer(sensor, specified=known.scaled(times).sizes).blur_fraction(
-            picture, 0.01
+        removed = times * Restorer(sensor, specified=blur.scaled(times).sizes).blur_fraction(
+            image, 0.01
         )
         assert removed < 1.15, times
         assert removed > 0.65 or times > 1
@@ -312,9 +312,9 @@ def test_blur_of_texture_and_plain_images(
 ):
     """Grain on a uniform surface: with the specified noise, and as texture above it."""
     grain = 0.5 + 0.01 * np.random.default_rng(5).standard_normal((160, 160))
-    picture = np.rint(255 * grain).astype(np.uint8)
-    assert smaller.blur_fraction(picture, 0.01) == 1
-    assert smaller.blur_fraction(picture, 0.007) < 0.9
+    image = np.rint(255 * grain).astype(np.uint8)
+    assert smaller.blur_fraction(image, 0.01) == 1
+    assert smaller.blur_fraction(image, 0.007) < 0.9
 
 
 @pytest.mark.parametrize(
@@ -384,18 +384,18 @@ def test_removed_blur_does_not_exceed_actual_blur(
     noise = 0.01 * np.random.default_rng(1).standard_normal((256, 256, 3))
     values = srgb_from_linear(_rendered(sensor, scene, stops)) + noise
     image = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
-    found = _tenths(restorer, _rendered(sensor, scene, None), image, restorer(image, 0.01))
-    assert found.min() > -0.3
+    gains_db = _tenths(restorer, _rendered(sensor, scene, None), image, restorer(image, 0.01))
+    assert gains_db.min() > -0.3
     if stops == 0:
-        assert found.mean() > (1 if name == "paper-hyperboloidal" or kind == "leaves" else 0.4)
+        assert gains_db.mean() > (1 if name == "paper-hyperboloidal" or kind == "leaves" else 0.4)
     if stops is None:
         assert restorer.decide(image, 0.01).fraction < 0.3
 
 
 def _disk(diameter_px: float):
     """Return the kernel of a disc, supersampled, of unit sum."""
-    place = (np.arange(15 * 8) - 59.5) / 8
-    inside = np.hypot(*np.meshgrid(place, place)) <= diameter_px / 2
+    axis_px = (np.arange(15 * 8) - 59.5) / 8
+    inside = np.hypot(*np.meshgrid(axis_px, axis_px)) <= diameter_px / 2
     kernel = inside.reshape(15, 8, 15, 8).mean(axis=(1, 3))
     return kernel / kernel.sum()
 
@@ -407,7 +407,7 @@ def _disk(diameter_px: float):
 def test_uniform_blur_that_is_specified_too_large_does_no_harm(
     shared_data: Path, actual: float, specified: float
 ):
-    """Of a photograph with 1.5 px of blur, or none, 3 px are not removed; a correct value is."""
+    """A specified blur of 3 px is not removed from a photograph with 1.5 px or none; a correct value is."""
     sensor = with_fewer_pixels(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     sharp = _rendered(sensor, SCENES["leaves"](shared_data), None)
     ball = om.MirrorBall(
@@ -421,9 +421,9 @@ def test_uniform_blur_that_is_specified_too_large_does_no_harm(
     image = np.rint(255 * np.clip(srgb_from_linear(light) + noise, 0, 1)).astype(np.uint8)
     restorer = Restorer(ball, specified=specified)
     share = restorer.decide(image, 0.01).fraction
-    found = _tenths(restorer, sharp, image, restorer(image, 0.01, share))
-    assert found.min() > -0.3
-    assert found.mean() > (3 if actual == specified else -0.1)
+    gains_db = _tenths(restorer, sharp, image, restorer(image, 0.01, share))
+    assert gains_db.min() > -0.3
+    assert gains_db.mean() > (3 if actual == specified else -0.1)
     assert (share == 1) == (actual == specified)
 
 

@@ -43,8 +43,10 @@ def blur_of(fineness: int) -> Blur:
     sensor = replace(
         sensor, imager=Imager(90, 70, sensor.imager.pixel_pitch_um, centre_px=(40.0, 30.0))
     )
-    known = radial_blur_of(sensor)
-    return blur_kernels(known.offsets, known.whole_radius_px, known.sizes, fineness)
+    radial_blur = radial_blur_of(sensor)
+    return blur_kernels(
+        radial_blur.offsets, radial_blur.whole_radius_px, radial_blur.sizes, fineness
+    )
 
 
 @pytest.fixture(scope="module")
@@ -85,23 +87,27 @@ def values_of(blur: Blur, box: np.ndarray) -> tuple[slice, slice]:
 @pytest.mark.usefixtures("small_tiles")
 def test_tiles_partition_image_and_contain_dependencies(blur: Blur):
     width, height = blur.size
-    kept = np.zeros((height, width), int)
-    matrix, known = blur.matrix(), np.full((height, width), -1)
-    known.ravel()[blur.pixels] = np.arange(len(blur.pixels))
+    coverage = np.zeros((height, width), int)
+    matrix, indices = blur.matrix(), np.full((height, width), -1)
+    indices.ravel()[blur.pixels] = np.arange(len(blur.pixels))
     assert len(blur.tiles) > 1
     for own, explained in blur.tiles:
-        kept[own[0] : own[1], own[2] : own[3]] += 1
+        coverage[own[0] : own[1], own[2] : own[3]] += 1
         inside = np.zeros((height, width), bool)
         inside[values_of(blur, explained)] = True
         fine = np.repeat(np.repeat(inside, blur.fineness, axis=0), blur.fineness, axis=1).ravel()
-        seen = known[explained[0] : explained[1], explained[2] : explained[3]]
-        assert not np.asarray(matrix[seen[seen >= 0]].sum(axis=0)).ravel()[~fine].any()
+        indices_in_tile = indices[explained[0] : explained[1], explained[2] : explained[3]]
+        assert (
+            not np.asarray(matrix[indices_in_tile[indices_in_tile >= 0]].sum(axis=0))
+            .ravel()[~fine]
+            .any()
+        )
         depends = np.repeat(
-            np.repeat(_box(own, kept.shape), blur.fineness, axis=0), blur.fineness, axis=1
+            np.repeat(_box(own, coverage.shape), blur.fineness, axis=0), blur.fineness, axis=1
         ).ravel()
         needed = np.asarray(matrix @ depends.astype(np.float32)) > 0
-        assert np.isin(np.flatnonzero(needed), seen).all()
-    assert (kept == 1).all()
+        assert np.isin(np.flatnonzero(needed), indices_in_tile).all()
+    assert (coverage == 1).all()
 
 
 def _box(box: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -122,8 +128,8 @@ def test_forward_model_matches_matrix(blur: Blur, kind, channels: int):
     light = (fine**2).reshape(blur.size[1], 2, blur.size[0], 2, channels).mean(axis=(1, 3))
     np.testing.assert_allclose(sharp.light(), light, atol=1e-5)
     blurred = sharp.blurred()
-    seen = blur.matrix() @ (fine**2).reshape(-1, channels)
-    np.testing.assert_allclose(blurred.reshape(-1, channels)[blur.pixels], seen, atol=1e-5)
+    expected = blur.matrix() @ (fine**2).reshape(-1, channels)
+    np.testing.assert_allclose(blurred.reshape(-1, channels)[blur.pixels], expected, atol=1e-5)
     assert not blurred[~blur.known].any()
     right, down = np.zeros_like(fine), np.zeros_like(fine)
     right[:, :-1], down[:-1] = np.diff(fine, axis=1), np.diff(fine, axis=0)
@@ -135,10 +141,10 @@ def test_forward_model_matches_matrix(blur: Blur, kind, channels: int):
 def concentrated(blur: Blur, by_pixel: np.ndarray) -> Blur:
     """Return the same blur with the given concentration of its kernels."""
 
-    class Told(Blur):
+    class SpecifiedConcentration(Blur):
         concentration = np.ascontiguousarray(by_pixel)
 
-    return Told(*blur)
+    return SpecifiedConcentration(*blur)
 
 
 def test_concentration_is_row_norm(blur: Blur):
@@ -187,10 +193,10 @@ def test_iterations_reduce_residual(blur: Blur, kind):
     roots = np.full((height, width, 1), 0.5, np.float32)
     roots.reshape(-1, 1)[blur.pixels] = np.sqrt(blur.matrix() @ (squares**2).reshape(-1, 1))
     sharp = kind(blur).start(roots, roots)
-    seen, left = roots.reshape(-1, 1)[blur.pixels], []
+    targets, left = roots.reshape(-1, 1)[blur.pixels], []
     for _ in range(4):
         blurred = sharp.blurred().reshape(-1, 1)[blur.pixels]
-        left.append(float(((np.sqrt(blurred) - seen) ** 2).mean()))
+        left.append(float(((np.sqrt(blurred) - targets) ** 2).mean()))
         sharp.improve(np.full((height, width), 1e-4, np.float32), steps_of(blur, 8))
     assert left == sorted(left, reverse=True)
     assert left[-1] < 0.01 * left[0]
@@ -202,9 +208,9 @@ def test_large_difference_cost_flattens_image(blur: Blur, kind):
     sharp = kind(blur).start(roots, roots)
     for _ in range(3):
         sharp.improve(np.full(roots.shape[:2], 10, np.float32), steps_of(blur, 30))
-    known = np.sqrt(sharp.light()).reshape(-1, 3)[blur.pixels]
-    assert known.std() < 0.2 * roots.reshape(-1, 3)[blur.pixels].std()
-    assert known.mean() == pytest.approx(0.5, abs=0.02)
+    values = np.sqrt(sharp.light()).reshape(-1, 3)[blur.pixels]
+    assert values.std() < 0.2 * roots.reshape(-1, 3)[blur.pixels].std()
+    assert values.mean() == pytest.approx(0.5, abs=0.02)
 
 
 @pytest.mark.usefixtures("small_tiles")
@@ -217,13 +223,13 @@ def test_values_far_from_known_pixels_are_unchanged(kind):
     sharp = kind(blur).start(roots, roots)
     before = sharp.light()
     sharp.improve(np.full(roots.shape[:2], 0.02, np.float32), steps_of(blur, 4))
-    moved = np.abs(sharp.light() - before).max(axis=2) > 0
-    near = np.zeros(moved.shape, bool)
+    changes = np.abs(sharp.light() - before).max(axis=2) > 0
+    near = np.zeros(changes.shape, bool)
     for _, explained in blur.tiles:
         near[values_of(blur, explained)] = True
     assert near.mean() < 0.8
-    assert not moved[~near].any()
-    assert moved[blur.known].all()
+    assert not changes[~near].any()
+    assert changes[blur.known].all()
 
 
 @pytest.mark.usefixtures("small_tiles")
@@ -237,10 +243,10 @@ def test_tiles_without_steps_are_unchanged(blur: Blur, kind):
     some.improve(costs, steps_of(blur, 3))
     once = some.light()
     some.improve(costs, steps)
-    moved, twice = some.light(), all_.light()
-    for (kept, _), count in zip(blur.tiles, steps, strict=True):
-        here = slice(kept[0], kept[1]), slice(kept[2], kept[3])
-        np.testing.assert_array_equal(moved[here], (twice if count else once)[here])
+    light, twice = some.light(), all_.light()
+    for (tile, _), count in zip(blur.tiles, steps, strict=True):
+        region = slice(tile[0], tile[1]), slice(tile[2], tile[3])
+        np.testing.assert_array_equal(light[region], (twice if count else once)[region])
     none.improve(costs, steps_of(blur, 0))
     np.testing.assert_array_equal(none.light(), kind(blur).start(roots, roots).light())
     np.testing.assert_array_equal(
@@ -310,8 +316,8 @@ def test_compiled_solver_matches_matrices(
             )
             for kind in (CompiledDeblurring, SparseDeblurring)
         )
-        for got, wanted in ((one.light(), other.light()), (one.blurred(), other.blurred())):
-            apart = np.quantile(np.abs(got - wanted), [0.999, 0.5])
+        for output, expected in ((one.light(), other.light()), (one.blurred(), other.blurred())):
+            apart = np.quantile(np.abs(output - expected), [0.999, 0.5])
             assert (apart < 3 * np.array([of_thousandth, of_half])).all(), apart
     finally:
         backend.kernels.set_instruction_set(before)
@@ -341,7 +347,7 @@ def test_tiled_restoration_matches_full_image(monkeypatch: pytest.MonkeyPatch, n
         )
         errors.append((sharp.light() - light)[..., 0] ** 2)
     edges = np.isin(np.arange(160), [n + at for n in (56, 112) for at in range(-4, 4)])
-    assert {int(kept[1]) for kept, _ in problem.blur.tiles} == {56, 112, 160}
+    assert {int(tile[1]) for tile, _ in problem.blur.tiles} == {56, 112, 160}
     whole, tiled = errors
     for where in (problem.known_pixels, problem.known_pixels & (edges | edges[:, None])):
         assert (

@@ -41,8 +41,8 @@ def test_bracket_is_minimal():
 def test_astigmatism_limits_bracket(name: str):
     """No focus is sharp there: the best one leaves half of the difference of the two blurs."""
     plan = plan_bracket(om.load_sensor(name))
-    found = om.evaluate(om.load_sensor(name), plan.omega_deg)
-    half = np.abs(found.blur_t_px - found.blur_s_px) / 2
+    evaluation = om.evaluate(om.load_sensor(name), plan.omega_deg)
+    half = np.abs(evaluation.blur_t_px - evaluation.blur_s_px) / 2
     np.testing.assert_allclose(plan.least_px[plan.astigmatic], half[plan.astigmatic], rtol=0.12)
     assert plan.blur_px[~plan.astigmatic].max() <= 1.0
     assert (plan.blur_px <= np.maximum(1.0, 1.25 * plan.least_px)).all()
@@ -51,15 +51,15 @@ def test_astigmatism_limits_bracket(name: str):
 def dots(pixels, size: int):
     """Return round dots with a standard deviation of 0.5 px at positions (n, 2)."""
     x, y = np.meshgrid(np.arange(size), np.arange(size))
-    picture = np.zeros((size, size), np.float32)
+    image = np.zeros((size, size), np.float32)
     for u, v in pixels:
-        picture += np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * 1.2**2)).astype(np.float32)
-    return picture
+        image += np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2 * 1.2**2)).astype(np.float32)
+    return image
 
 
-def centroid(picture, u: float, v: float):
+def centroid(image, u: float, v: float):
     left, top = round(u) - 6, round(v) - 6
-    part = picture[top : top + 13, left : left + 13].astype(float)
+    part = image[top : top + 13, left : left + 13].astype(float)
     y, x = np.mgrid[top : top + 13, left : left + 13]
     return np.array([(part * x).sum(), (part * y).sum()]) / part.sum()
 
@@ -78,12 +78,12 @@ def test_bracket_images_are_aligned(flipped: bool):
         ]
     )
     for focus in (190.0, 205.0):
-        moved, _ = focused_at(sensor, focus).project(points)
-        meant, _ = sensor.project(points)
-        assert np.hypot(*(moved - meant).T).max() > 0.7
-        merged = merge_bracket(sensor, [dots(moved, 1024)], focus_mm=[focus])
-        found = np.array([centroid(merged, u, v) for u, v in meant])
-        assert np.hypot(*(found - meant).T).max() < 0.1
+        displaced, _ = focused_at(sensor, focus).project(points)
+        expected, _ = sensor.project(points)
+        assert np.hypot(*(displaced - expected).T).max() > 0.7
+        merged = merge_bracket(sensor, [dots(displaced, 1024)], focus_mm=[focus])
+        centroids = np.array([centroid(merged, u, v) for u, v in expected])
+        assert np.hypot(*(centroids - expected).T).max() < 0.1
 
 
 def test_merged_points_match_projection():
@@ -105,15 +105,15 @@ def test_merged_points_match_projection():
         )
         light[rows] += np.exp((near - 1) / (1 - np.cos(np.radians(0.35))))
     lights = om.Environment(np.ascontiguousarray(np.repeat(light[..., None], 3, axis=2)))
-    meant, seen = sensor.project_directions(directions)
-    assert seen.all()
-    shift = np.hypot(*(focused_at(sensor, 190.0).project_directions(directions)[0] - meant).T)
+    expected, visible = sensor.project_directions(directions)
+    assert visible.all()
+    shift = np.hypot(*(focused_at(sensor, 190.0).project_directions(directions)[0] - expected).T)
     assert shift.max() > 2
     for focus in (190.0, 240.0):
-        taken = om.expose(focused_at(sensor, focus), lights, samples=36)[..., 1]
-        merged = merge_bracket(sensor, [np.ascontiguousarray(taken)], focus_mm=[focus])
-        found = np.array([centroid(merged, u, v) for u, v in meant])
-        assert np.hypot(*(found - meant).T).max() < 0.1
+        image = om.expose(focused_at(sensor, focus), lights, samples=36)[..., 1]
+        merged = merge_bracket(sensor, [np.ascontiguousarray(image)], focus_mm=[focus])
+        centroids = np.array([centroid(merged, u, v) for u, v in expected])
+        assert np.hypot(*(centroids - expected).T).max() < 0.1
 
 
 def test_weights_are_smooth_and_sum_to_one():
@@ -128,20 +128,22 @@ def test_merged_image_is_as_sharp_as_best_image():
     sensor = with_fewer_pixels(om.load_sensor("paper-hyperboloidal"), 256, 1.0)
     scene = dead_leaves(1024, 900, smallest_deg=2.1)
     focuses = plan_bracket(sensor, limit_px=2.0).focus_mm
-    taken = [om.render_image(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses]
+    bracket = [
+        om.render_image(focused_at(sensor, f), scene, samples=64, blur=True) for f in focuses
+    ]
     sharp = om.render_image(sensor, scene, samples=16).astype(float)
     tenth = np.minimum(
         np.hypot(*(np.indices((256, 256)) - 127.5)) / sensor.rim_radius_px * 10, 10
     ).astype(int)
 
-    def errors(picture):
-        return np.array([np.sqrt(((picture - sharp)[tenth == k] ** 2).mean()) for k in range(10)])
+    def errors(image):
+        return np.array([np.sqrt(((image - sharp)[tenth == k] ** 2).mean()) for k in range(10)])
 
-    merged = errors(merge_bracket(sensor, taken, focus_mm=focuses))
+    merged = errors(merge_bracket(sensor, bracket, focus_mm=focuses))
     alone = np.array(
         [
             errors(merge_bracket(sensor, [p], focus_mm=[f]))
-            for p, f in zip(taken, focuses, strict=True)
+            for p, f in zip(bracket, focuses, strict=True)
         ]
     )
     assert (merged < 1.1 * alone.min(axis=0)).all()

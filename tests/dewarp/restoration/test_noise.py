@@ -34,34 +34,34 @@ def noisy(light, noise: float, seed: int = 1) -> np.ndarray:
     return np.rint(255 * np.clip(srgb, 0, 1)).astype(np.uint8)
 
 
-def rms(picture, light, inside) -> float:
-    return float(np.sqrt(((picture / 255 - srgb_from_linear(light))[inside] ** 2).mean()))
+def rms(image, light, inside) -> float:
+    return float(np.sqrt(((image / 255 - srgb_from_linear(light))[inside] ** 2).mean()))
 
 
-def as_jpeg(picture, quality: int) -> tuple[bytes, np.ndarray]:
-    data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+def as_jpeg(image, quality: int) -> tuple[bytes, np.ndarray]:
+    data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return data.tobytes(), np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.01, 0.03])
 def test_white_noise_estimate(light, inside, noise: float):
-    found = om.estimate_noise(noisy(light, noise), where=inside)
-    assert found.kind == "white"
-    assert found.fraction == pytest.approx(noise, rel=0.25)
+    estimate = om.estimate_noise(noisy(light, noise), where=inside)
+    assert estimate.kind == "white"
+    assert estimate.fraction == pytest.approx(noise, rel=0.25)
 
 
 @pytest.mark.parametrize("quality", [95, 90, 85, 75, 60, 50])
 def test_coding_error_estimate_with_and_without_file(light, inside, tmp_path, quality: int):
     """Not the remaining noise, which coding removes, but the deviation from the image before noise
     and coding."""
-    data, picture = as_jpeg(noisy(light, 0.01), quality)
+    data, image = as_jpeg(noisy(light, 0.01), quality)
     (tmp_path / "a.jpg").write_bytes(data)
-    truth = rms(picture, light, inside)
+    truth = rms(image, light, inside)
     assert truth > 0.012
     for file in (tmp_path / "a.jpg", None):
-        found = om.estimate_noise(picture, file, where=inside)
-        assert found.kind == "JPEG"
-        assert found.fraction == pytest.approx(truth, rel=0.25)
+        estimate = om.estimate_noise(image, file, where=inside)
+        assert estimate.kind == "JPEG"
+        assert estimate.fraction == pytest.approx(truth, rel=0.25)
 
 
 @pytest.mark.parametrize("quality", [92, 75, 60])
@@ -74,9 +74,9 @@ def test_texture_is_not_residual_coding_noise(inside, quality: int):
         blur=True,
     )
     for noise in (0.003, 0.03):
-        picture = as_jpeg(noisy(textured, noise), quality)[1]
-        truth = rms(picture, textured, inside)
-        assert om.estimate_noise(picture, where=inside).fraction == pytest.approx(truth, rel=0.25)
+        image = as_jpeg(noisy(textured, noise), quality)[1]
+        truth = rms(image, textured, inside)
+        assert om.estimate_noise(image, where=inside).fraction == pytest.approx(truth, rel=0.25)
 
 
 def test_visible_fraction_of_coding_error(light, inside):
@@ -96,9 +96,9 @@ def test_previous_coding_is_not_attributed_to_file(tmp_path):
         np.linspace(40, 200, 256).astype(np.uint8)[None, :, None], 256, axis=0
     ).repeat(3, axis=2)
     (tmp_path / "a.jpg").write_bytes(as_jpeg(slope, 95)[0])
-    found = om.estimate_noise(slope, tmp_path / "a.jpg")
-    assert found.fraction == pytest.approx(0.005)
-    assert found.visible_fraction > 0.8
+    estimate = om.estimate_noise(slope, tmp_path / "a.jpg")
+    assert estimate.fraction == pytest.approx(0.005)
+    assert estimate.visible_fraction > 0.8
 
 
 @pytest.mark.parametrize("quality", [90, 75, 50])
@@ -125,16 +125,16 @@ def test_coding_error_of_grey_and_full_chroma_images(light, inside, quality: int
 def test_demosaiced_noise_estimate(light, inside, code: int):
     """Noise after demosaicing."""
 
-    def demosaiced(picture):
-        mosaic = picture[..., 1].copy()
-        mosaic[::2, ::2], mosaic[1::2, 1::2] = picture[::2, ::2, 2], picture[1::2, 1::2, 0]
+    def demosaiced(image):
+        mosaic = image[..., 1].copy()
+        mosaic[::2, ::2], mosaic[1::2, 1::2] = image[::2, ::2, 2], image[1::2, 1::2, 0]
         return cv2.demosaicing(mosaic, code)
 
-    picture = demosaiced(noisy(light, 0.01))
-    left = (picture.astype(float) - demosaiced(noisy(light, 0.0)))[inside] / 255
-    found = om.estimate_noise(picture, where=inside)
-    assert found.kind == "demosaiced"
-    assert found.fraction == pytest.approx(np.sqrt((left**2).mean()), rel=0.25)
+    image = demosaiced(noisy(light, 0.01))
+    left = (image.astype(float) - demosaiced(noisy(light, 0.0)))[inside] / 255
+    estimate = om.estimate_noise(image, where=inside)
+    assert estimate.kind == "demosaiced"
+    assert estimate.fraction == pytest.approx(np.sqrt((left**2).mean()), rel=0.25)
 
 
 def test_linear_noise_increases_with_light(light, inside):
@@ -144,13 +144,13 @@ def test_linear_noise_increases_with_light(light, inside):
     linear = light + np.sqrt(variance)[..., None] * np.random.default_rng(1).standard_normal(
         light.shape
     )
-    found = om.estimate_noise(linear.astype(np.float32), where=inside)
-    assert found.kind == "linear"
+    estimate = om.estimate_noise(linear.astype(np.float32), where=inside)
+    assert estimate.kind == "linear"
     level = light.mean(axis=2)
     truth = np.sqrt(variance) / (2 * np.sqrt(np.maximum(level, 1e-6)))
     for low, high in ((0.03, 0.1), (0.1, 0.3), (0.3, 0.9)):
-        here = inside & (low < level) & (level < high)
-        assert np.median(found.by_pixel[here] / truth[here]) == pytest.approx(1, rel=0.25)
+        in_band = inside & (low < level) & (level < high)
+        assert np.median(estimate.by_pixel[in_band] / truth[in_band]) == pytest.approx(1, rel=0.25)
 
 
 def test_noise_estimate_of_16_bit_image(light, inside):
@@ -162,19 +162,19 @@ def test_noise_estimate_of_16_bit_image(light, inside):
 def test_jpeg_coding_matches_encoder(light, tmp_path):
     """OpenCV writes the standard tables, scaled as by libjpeg."""
     for quality in (30, 75, 95):
-        data, picture = as_jpeg(noisy(light, 0.01), quality)
+        data, image = as_jpeg(noisy(light, 0.01), quality)
         coding = parse_jpeg_coding(data)
         for table, standard in zip(
             coding.tables, (*standard_tables(quality), standard_tables(quality)[1]), strict=True
         ):
             np.testing.assert_array_equal(table, standard)
         assert coding.subsampling == (2, 2)
-        everywhere = np.ones(picture.shape[:2], bool)
-        found = detected_coding(picture, everywhere)
-        assert np.abs(np.log(found.tables[0] / coding.tables[0])).mean() < 0.1
-    om.write_image(tmp_path / "a.png", picture)
+        mask = np.ones(image.shape[:2], bool)
+        detected = detected_coding(image, mask)
+        assert np.abs(np.log(detected.tables[0] / coding.tables[0])).mean() < 0.1
+    om.write_image(tmp_path / "a.png", image)
     assert read_jpeg_coding(tmp_path / "a.png") is None
-    assert detected_coding(noisy(light, 0.01), everywhere) is None
+    assert detected_coding(noisy(light, 0.01), mask) is None
 
 
 @pytest.mark.parametrize("end", [3, 30, 100, 200])
@@ -184,14 +184,14 @@ def test_truncated_jpeg_coding(light, end: int):
 
 
 def test_invalid_noise_input_raises(tmp_path):
-    for wrong in (
+    for invalid_image in (
         np.zeros((8, 8, 2), np.uint8),
         np.zeros((0, 8), np.uint8),
         np.zeros((8, 8), int),
         [[1, 2]],
     ):
         with pytest.raises(InvalidParameter, match="image must"):
-            om.estimate_noise(wrong)
+            om.estimate_noise(invalid_image)
     with pytest.raises(InvalidParameter, match="got 1 that are NaN"):
         om.estimate_noise(np.full((1, 1), np.nan, np.float32))
     with pytest.raises(InvalidParameter, match="where must have the shape"):
@@ -210,14 +210,14 @@ def test_coding_error_of_leaves(name: str):
     rows, columns = np.indices(light.shape[:2]) - 255.5
     inside = np.hypot(rows, columns) < 0.95 * sensor.rim_radius_px
     for quality in (85, 75, 60, 50):
-        picture = as_jpeg(noisy(light, 0.01), quality)[1]
-        assert om.estimate_noise(picture, where=inside).fraction == pytest.approx(
-            rms(picture, light, inside), rel=0.25
+        image = as_jpeg(noisy(light, 0.01), quality)[1]
+        assert om.estimate_noise(image, where=inside).fraction == pytest.approx(
+            rms(image, light, inside), rel=0.25
         )
 
 
 def test_linear_and_srgb_estimates_agree(light, inside):
     """Uniform noise in sRGB, reported for linear light: its mean deviation is close to the added
     one."""
-    picture = linear_from_srgb(noisy(light, 0.02) / 255.0)
-    assert om.estimate_noise(picture, where=inside).fraction == pytest.approx(0.02, rel=0.35)
+    image = linear_from_srgb(noisy(light, 0.02) / 255.0)
+    assert om.estimate_noise(image, where=inside).fraction == pytest.approx(0.02, rel=0.35)

@@ -57,7 +57,7 @@ def s3_server() -> Iterator[str]:
 
 
 def require_credentials(address: str) -> None:
-    """Refuse all requests without known credentials from now on."""
+    """Reject all subsequent requests without known credentials."""
     request = urllib.request.Request(
         f"{address}/moto-api/reset-auth",
         data=b"0",

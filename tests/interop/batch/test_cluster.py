@@ -39,10 +39,10 @@ class Cluster:
         self.scheduler = None
         self.workers = []
 
-    def start(self, *words):
+    def start(self, *arguments):
         program = Path(sys.executable).with_name("dask")
         return subprocess.Popen(
-            [program, *words, "--host", "127.0.0.1", "--no-dashboard"],
+            [program, *arguments, "--host", "127.0.0.1", "--no-dashboard"],
             cwd=ROOT,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -84,7 +84,7 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(tmp_path, kills):
     def outputs():
         return len(list(out.rglob("*.png")))
 
-    with ExitStack() as stack, ThreadPoolExecutor(1) as beside:
+    with ExitStack() as stack, ThreadPoolExecutor(1) as executor:
         cluster = Cluster(tmp_path, port)
         stack.callback(cluster.stop)
         cluster.start_scheduler()
@@ -94,8 +94,8 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(tmp_path, kills):
 
         with Client(cluster.address, set_as_default=False) as client:
             wait_for(lambda: len(client.nthreads()) == 2)
-        run = beside.submit(om.batch.run, job, scheduler=cluster.address)
-        killed = 0
+        run = executor.submit(om.batch.run, job, scheduler=cluster.address)
+        kill_count = 0
         for number in range(kills):
             aim = (number + 1) * 2 * count // (kills + 2)
             wait_for(lambda: run.done() or outputs() >= aim)  # noqa: B023
@@ -104,7 +104,7 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(tmp_path, kills):
                 break
             os.kill(cluster.workers[0].pid, signal.SIGKILL)
             cluster.workers.pop(0).wait()
-            killed += 1
+            kill_count += 1
             cluster.start_worker()
             if number == kills // 2:
                 cluster.scheduler.kill()
@@ -117,7 +117,7 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(tmp_path, kills):
                 for _ in range(2):
                     cluster.start_worker()
         status = run.result(timeout=400)
-    assert killed >= 1
+    assert kill_count >= 1
     assert (status.done, status.failed) == (2 * count, 0)
     assert contents(out) == contents(tmp_path / "whole")
 
@@ -130,11 +130,11 @@ def test_lost_scheduler_without_restart_is_reported(tmp_path):
     quiet = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "protocol": "tcp://"}
     started = threading.Event()
     with (
-        ThreadPoolExecutor(1) as beside,
+        ThreadPoolExecutor(1) as executor,
         LocalCluster(**quiet, dashboard_address="127.0.0.1:0") as cluster,
     ):
         address = cluster.scheduler_address
-        run = beside.submit(
+        run = executor.submit(
             om.batch.run,
             job,
             scheduler=address,

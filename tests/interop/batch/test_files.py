@@ -35,10 +35,10 @@ ROOT = Path(__file__).parents[3]
 def test_outputs_equal_those_of_dewarp(tmp_path, scheduler):
     write_archive(tmp_path, 5, "raw/2024/{:04d}.png")
     job = job_of(tmp_path, output='name = "{folder}{view}/{stem}"')
-    told = []
-    result = om.batch.run(job, scheduler=scheduler, on_progress=lambda *n: told.append(n))
+    updates = []
+    result = om.batch.run(job, scheduler=scheduler, on_progress=lambda *n: updates.append(n))
     assert (result.total, result.done, result.failed, result.pending) == (10, 10, 0, 0)
-    assert (told[0], told[-1]) == ((0, 10), (10, 10))
+    assert (updates[0], updates[-1]) == ((0, 10), (10, 10))
     for name, view in job.views.items():
         om.dewarp_images(tmp_path / "raw/2024", tmp_path / "one", camera=CAMERA, view=view)
         for path in (tmp_path / "one").iterdir():
@@ -83,10 +83,10 @@ def test_changed_sensor_and_view_invalidate_affected_outputs(tmp_path):
     text = (tmp_path / "camera.toml").read_text()
     (tmp_path / "camera.toml").write_text("# comments do not matter\n" + text)
     assert om.batch.plan(job_of(tmp_path, inputs, more=rules + VIEWS)).pending == 0
-    changed = om.Unified(
+    other_camera = om.Unified(
         xi=0.95, focal_px=(20.0, 20.0), centre_px=(31.5, 23.5), image_size=(64, 48)
     )
-    om.save_camera(changed, tmp_path / "other.toml")
+    om.save_camera(other_camera, tmp_path / "other.toml")
     job = job_of(tmp_path, inputs, more=rules + VIEWS)
     plan = om.batch.plan(job)
     assert (plan.pending, len(plan.stale_rows())) == (2, 2)
@@ -271,13 +271,13 @@ def test_restoration_with_and_without_views(tmp_path):
         tmp_path, output='url = "both"\nname = "{stem}-{view}"', more=SENSOR + restoration + VIEWS
     )
     om.batch.run(both, scheduler="threads")
-    found = om.read_image(tmp_path / "both" / "0000-north.png")
+    view_image = om.read_image(tmp_path / "both" / "0000-north.png")
     view = both.views["north"]
-    np.testing.assert_array_equal(found, om.Dewarper(CAMERA, view(CAMERA))(expected, True))
+    np.testing.assert_array_equal(view_image, om.Dewarper(CAMERA, view(CAMERA))(expected, True))
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (("[inputs]", "[input]"), "unknown table input; did you mean inputs"),
         (('url = "out"', ""), "output.url is missing"),
@@ -295,11 +295,11 @@ def test_restoration_with_and_without_views(tmp_path):
         (("size = [24, 16]", "sise = [24, 16]"), "did you mean size"),
     ],
 )
-def test_invalid_jobs_are_rejected_in_one_sentence(tmp_path, change, words):
+def test_invalid_jobs_are_rejected_in_one_message(tmp_path, change, message):
     write_archive(tmp_path, 1)
     text = f"[inputs]\nfiles = ['raw']\n[output]\nurl = \"out\"\n{SENSOR}{VIEWS}"
     assert change[0] in text
-    with pytest.raises(OmnimirrorError, match=words):
+    with pytest.raises(OmnimirrorError, match=message):
         parse_job(text.replace(*change, 1), "job.toml", tmp_path)
 
 
@@ -324,18 +324,18 @@ def test_command(tmp_path):
         "4 inputs, 8 outputs, 8 pending"
         in omnimirror("batch", "plan", "job.toml", cwd=tmp_path).stdout
     )
-    words = ("batch", "run", "job.toml", "--scheduler", "threads")
-    run = omnimirror(*words, "--part", "1/2", "--json", "a.json", cwd=tmp_path)
+    arguments = ("batch", "run", "job.toml", "--scheduler", "threads")
+    run = omnimirror(*arguments, "--part", "1/2", "--json", "a.json", cwd=tmp_path)
     assert run.returncode == 1
     assert run.stderr.count("\n") == 1
     assert json.loads((tmp_path / "a.json").read_text())["pending"] == 4
-    run = omnimirror(*words, "--set", "execution.workers=1", cwd=tmp_path)
+    run = omnimirror(*arguments, "--set", "execution.workers=1", cwd=tmp_path)
     assert "6 of 8 outputs done, 2 failed" in run.stdout
     om.write_image(tmp_path / "raw" / "0002.png", image(2))
-    assert omnimirror(*words, "--retry-failed", cwd=tmp_path).returncode == 0
+    assert omnimirror(*arguments, "--retry-failed", cwd=tmp_path).returncode == 0
     status = omnimirror("batch", "status", "job.toml", cwd=tmp_path)
     assert "8 of 8 outputs done, 0 failed" in status.stdout
-    assert "part must be between" in fails(*words, "--part", "3/2", cwd=tmp_path)
+    assert "part must be between" in fails(*arguments, "--part", "3/2", cwd=tmp_path)
     assert "there is no plan" in fails(
         "batch", "status", "job.toml", "--set", "output.url=new", cwd=tmp_path
     )
@@ -346,8 +346,8 @@ def test_interrupted_command_continues(tmp_path):
     text = f"[inputs]\nfiles = ['raw']\n[output]\nurl = \"out\"\n{SENSOR}{VIEWS}"
     (tmp_path / "job.toml").write_text(text + "[execution]\nper_block = 4\n")
     program = Path(sys.executable).with_name("omnimirror")
-    words = [program, "batch", "run", "job.toml", "--scheduler", "threads"]
-    run = subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    arguments = [program, "batch", "run", "job.toml", "--scheduler", "threads"]
+    run = subprocess.Popen(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 120
     while len(list(tmp_path.glob("out/*.png"))) < 20 and run.poll() is None:
         assert time.monotonic() < end

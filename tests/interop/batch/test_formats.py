@@ -122,8 +122,8 @@ def test_arrays_as_inputs(tmp_path, chunk):
     job = job_of(tmp_path, 'arrays = ["frames.zarr"]', 'name = "{stem}-{view}"\nformat = ".bmp"')
     assert om.batch.run(job, scheduler="threads").done == 12
     for number in range(6):
-        found = om.read_image(tmp_path / "out" / f"{number}-north.bmp")
-        np.testing.assert_array_equal(found, expected(job, number))
+        output = om.read_image(tmp_path / "out" / f"{number}-north.bmp")
+        np.testing.assert_array_equal(output, expected(job, number))
 
 
 def test_webdataset_outputs(tmp_path):
@@ -191,12 +191,12 @@ def test_zarr_outputs_open_with_xarray(tmp_path):
     numbers = []
     original = BatchBlock.run
 
-    def counted(self):
+    def count_run(self):
         numbers.append(self.start)
         return original(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(BatchBlock, "run", counted)
+        patch.setattr(BatchBlock, "run", count_run)
         om.batch.run(job, scheduler="threads")
     assert numbers == [6]
     array = zarr.open_array(tmp_path / "out" / "images.zarr" / "north", mode="r")
@@ -241,8 +241,8 @@ def test_videos_are_split_at_key_frames(tmp_path):
     output = 'kind = "video"\nformat = ".mp4"\nname = "{stem}-{view}"'
     job = job_of(tmp_path, 'videos = ["*.mp4"]\nsegment_s = 2.0', output)
     assert om.batch.run(job, scheduler="threads").done == 6
-    found = sorted((tmp_path / "out").glob("*north.mp4"))
-    frames = [sum(1 for _ in VideoReader(path).frames()) for path in found]
+    paths = sorted((tmp_path / "out").glob("*north.mp4"))
+    frames = [sum(1 for _ in VideoReader(path).frames()) for path in paths]
     assert frames == [20, 20, 10]
     whole = om.dewarp_video(
         tmp_path / "a.mp4", tmp_path / "whole.mp4", camera=CAMERA, view=job.views["north"]
@@ -257,9 +257,9 @@ def test_videos_of_images(tmp_path):
     job = job_of(tmp_path, output=output, more=SENSOR + "[view.a]\nsize = [32, 16]\n")
     result = om.batch.run(job, scheduler="threads")
     assert (result.done, result.failed) == (6, 1)
-    found = sorted((tmp_path / "out").glob("*.mp4"))
-    assert [sum(1 for _ in VideoReader(path).frames()) for path in found] == [4, 2]
-    assert VideoReader(found[0]).frame_rate == 5
+    videos = sorted((tmp_path / "out").glob("*.mp4"))
+    assert [sum(1 for _ in VideoReader(path).frames()) for path in videos] == [4, 2]
+    assert VideoReader(videos[0]).frame_rate == 5
 
 
 RENDER = """

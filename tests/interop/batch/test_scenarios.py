@@ -26,7 +26,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "batch.md"
 
 
 def scenario(folder, name):
-    """Write the job file of a scenario; return its commands, split into words."""
+    """Write the job file of a scenario; return its commands, split into arguments."""
     text = PAGE.read_text()
     (block,) = re.findall(rf"^```toml\n(# {name}\n.*?)^```", text, re.M | re.S)
     (folder / name).write_text(block)
@@ -35,8 +35,8 @@ def scenario(folder, name):
     return [shlex.split(line)[1:] for line in lines]
 
 
-def execute(words, folder):
-    run = omnimirror(*words, cwd=folder)
+def execute(arguments, folder):
+    run = omnimirror(*arguments, cwd=folder)
     assert run.returncode == 0, run.stderr
     return run.stdout
 
@@ -68,7 +68,7 @@ def test_sky_imager_archive(tmp_path):
 
 @pytest.mark.long
 def test_warehouse(tmp_path, monkeypatch):
-    """200 cameras: ids of aisles and gates; calibrations in 40 rules."""
+    """200 cameras: ids of aisles and gates; calibrations by 40 rules."""
     from distributed import LocalCluster
 
     run, part = scenario(tmp_path, "warehouse.toml")
@@ -101,8 +101,8 @@ def test_warehouse(tmp_path, monkeypatch):
         assert done == 2 * 5 * 3  # 3 of 40 shards: numbers 2, 18 and 34
         quiet = {"processes": False, "n_workers": 1, "threads_per_worker": 2, "protocol": "tcp://"}
         with LocalCluster(**quiet, dashboard_address="127.0.0.1:0") as cluster:
-            words = [w if "tcp://" not in w else cluster.scheduler_address for w in run]
-            assert "400 of 400 outputs done" in execute(words, tmp_path)
+            arguments = [w if "tcp://" not in w else cluster.scheduler_address for w in run]
+            assert "400 of 400 outputs done" in execute(arguments, tmp_path)
         rows = pq.read_table(store._fs.open("s3://warehouse/views/manifest.parquet")).to_pylist()
     assert len({row["sensor_digest"] for row in rows}) == 40
     assert all(row["sensor"] == f"calibration-{int(row['camera'][4:6])}" for row in rows)
@@ -117,14 +117,14 @@ def test_zarr_time_series(tmp_path):
     assert omnimirror(*run, cwd=tmp_path).returncode == 1
     text = PAGE.read_text()
     (code,) = re.findall(r"^```text\n(import xarray.*?)^```", text, re.M | re.S)
-    here = os.getcwd()
+    working_folder = os.getcwd()
     try:
         os.chdir(tmp_path)
         names = {}
         exec(code, names)
         morning = names["morning"].load()
     finally:
-        os.chdir(here)
+        os.chdir(working_folder)
     assert morning.sizes["time"] == 7
     hours = [6, 7, 8, 9, 10, 11, 12]
     assert np.isnan(morning.values).any(axis=(1, 2, 3)).tolist() == [h == 8 for h in hours]
@@ -161,7 +161,7 @@ def test_ray_recipe(tmp_path):
     )
     text = PAGE.read_text()
     (code,) = re.findall(r"^```text\n(import ray\n.*?)^```", text, re.M | re.S)
-    here = os.getcwd()
+    working_folder = os.getcwd()
     try:
         os.chdir(tmp_path)
         with warnings.catch_warnings():
@@ -170,6 +170,6 @@ def test_ray_recipe(tmp_path):
             exec(code, {"__name__": "recipe"})
     finally:
         ray.shutdown()
-        os.chdir(here)
+        os.chdir(working_folder)
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert om.batch.status(tmp_path / "job.toml").done == 10

@@ -117,8 +117,8 @@ def test_s3_outputs_with_faults_equal_local_ones(tmp_path, server, bucket, kind,
     assert (result.done, result.failed) == (24, 0)
     assert faults.injected > 3 or not kind
     assert stored(Store(f"s3://out/faults-{kind}", options(server))) == expected
-    again = om.batch.plan(replace(job, storage=options(server)))
-    assert again.pending == 0
+    repeated = om.batch.plan(replace(job, storage=options(server)))
+    assert repeated.pending == 0
 
 
 @pytest.mark.long

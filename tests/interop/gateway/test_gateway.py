@@ -38,7 +38,7 @@ from tests.commands import fails
 from tests.everyday import few
 from tests.io.test_live_sources import HEAD, free_port, paced
 from tests.io.test_live_sources import server as streaming
-from tests.io.test_video import make_turned
+from tests.io.test_video import write_rotated
 from tests.serving import in_a_loop, served
 
 SIDE = 256
@@ -64,13 +64,13 @@ def camera():
 @pytest.fixture(scope="module")
 def film(camera, tmp_path_factory):
     """Two seconds of a static room, blurred because JPEG and H.264 subsample chroma."""
-    picture = cv2.GaussianBlur(om.render_image(camera, om.Room(), samples=1), (0, 0), 3)
+    image = cv2.GaussianBlur(om.render_image(camera, om.Room(), samples=1), (0, 0), 3)
     path = tmp_path_factory.mktemp("gateway") / "room.ts"
     with VideoWriter(
         path, (SIDE, SIDE), 25, crf=8, options={"g": "10", "tune": "zerolatency"}
     ) as video:
         for _ in range(50):
-            video.write(frame_of_image(picture))
+            video.write(frame_of_image(image))
     return path
 
 
@@ -79,7 +79,7 @@ def gateway(film, camera):
     return Gateway(str(film), False, camera, VIEWS, workers=2)
 
 
-def until(state) -> None:
+def wait_for(state) -> None:
     """Wait until a condition holds; pytest limits the time of a test."""
     while not state():
         time.sleep(0.02)
@@ -93,7 +93,7 @@ def decoded_image(jpeg: bytes) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 
-def off(a: np.ndarray, b: np.ndarray) -> float:
+def mean_difference(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(a.astype(int) - b).mean())
 
 
@@ -106,7 +106,7 @@ def test_image_equals_the_dewarper(gateway, camera, film, name):
         answer = httpx.get(f"{address}{name}.jpg", timeout=300)
     assert answer.headers["content-type"] == "image/jpeg"
     straight = om.Dewarper(camera, VIEWS[name](camera))(image_of(film))
-    assert off(decoded_image(answer.content), straight) < 2.5
+    assert mean_difference(decoded_image(answer.content), straight) < 2.5
 
 
 @pytest.mark.parametrize("suffix", few(PLAYERS, "ts"))
@@ -122,7 +122,7 @@ def test_ffmpeg_decodes_all_stream_types(gateway, camera, film, suffix):
             frames.append(frame)
             if len(frames) == 30:
                 break
-        assert off(image_of_frame(frames[-1]), straight) < 2.5
+        assert mean_difference(image_of_frame(frames[-1]), straight) < 2.5
         if suffix != "mjpg":  # MJPEG has no time stamps
             steps = np.diff([float(frame.pts * frame.time_base) for frame in frames])
             assert steps.min() > 0
@@ -167,13 +167,13 @@ def test_view_without_clients_is_not_dewarped(gateway):
         )  # the source is not open
         front, others = gateway.views["front"], [gateway.views["eye"], gateway.views["around"]]
         with httpx.stream("GET", f"{address}front.mjpg", timeout=300):
-            until(lambda: front.frames_dewarped >= 10)
-        until(lambda: front.clients == 0)
+            wait_for(lambda: front.frames_dewarped >= 10)
+        wait_for(lambda: front.clients == 0)
         received = gateway.frames_received
-        until(lambda: gateway.frames_received >= received + 3)  # queued frames are done
-        drawn, received = front.frames_dewarped, gateway.frames_received
-        until(lambda: gateway.frames_received >= received + 20)
-        assert front.frames_dewarped == drawn
+        wait_for(lambda: gateway.frames_received >= received + 3)  # queued frames are done
+        count, received = front.frames_dewarped, gateway.frames_received
+        wait_for(lambda: gateway.frames_received >= received + 20)
+        assert front.frames_dewarped == count
         assert [view.frames_dewarped for view in others] == [0, 0]
 
 
@@ -183,7 +183,7 @@ def test_idle_source_is_closed(gateway, monkeypatch):
     with served(create_app(gateway, None)) as address:
         for _ in range(2):  # the source is reopened for the second client
             assert httpx.get(f"{address}front.jpg", timeout=300).status_code == 200
-            until(lambda: gateway.state.endswith("is idle, no clients"))
+            wait_for(lambda: gateway.state.endswith("is idle, no clients"))
             received = gateway.frames_received
             time.sleep(0.3)
             assert gateway.frames_received <= received + 1
@@ -205,33 +205,33 @@ def test_hls_client_remains_active_after_a_request(gateway, monkeypatch):
 
 @pytest.mark.full
 def test_clients_stay_connected_while_a_source_is_lost(film, camera):
-    data, told = film.read_bytes(), []
+    data, messages = film.read_bytes(), []
     plans = [HEAD, *paced(data, 2.0)], [], [HEAD, *paced(data, 2.0), *paced(data, 2.0), 60.0]
     with streaming(*plans) as url:
-        gateway = Gateway(url, True, camera, VIEWS, on_status=told.append)
+        gateway = Gateway(url, True, camera, VIEWS, on_status=messages.append)
         with (
             served(create_app(gateway, None)) as address,
             httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched,
         ):
-            pictures = watched.iter_raw()
-            while not any("is reconnected after" in sentence for sentence in told):
-                next(pictures)
-            drawn = gateway.views["front"].frames_dewarped
-            while gateway.views["front"].frames_dewarped < drawn + 5:
-                next(pictures)
-    assert re.search(r"live\.ts is disconnected: .*; reconnecting in 0.25 s", told[0])
+            parts = watched.iter_raw()
+            while not any("is reconnected after" in message for message in messages):
+                next(parts)
+            count = gateway.views["front"].frames_dewarped
+            while gateway.views["front"].frames_dewarped < count + 5:
+                next(parts)
+    assert re.search(r"live\.ts is disconnected: .*; reconnecting in 0.25 s", messages[0])
 
 
 def test_frames_of_another_size_are_reported(film):
-    told = []
+    messages = []
     gateway = Gateway(
-        str(film), False, om.load_sensor("paper-spherical"), VIEWS, on_status=told.append
+        str(film), False, om.load_sensor("paper-spherical"), VIEWS, on_status=messages.append
     )
     with (
         served(create_app(gateway, None)) as address,
         httpx.stream("GET", f"{address}front.mjpg", timeout=300),
     ):
-        until(lambda: told)
+        wait_for(lambda: messages)
         assert (
             "must have the size of the camera, 1024 x 1024 px; got 256 x 256 px"
             in httpx.get(f"{address}api/views").json()["state"]
@@ -241,7 +241,7 @@ def test_frames_of_another_size_are_reported(film):
 @pytest.mark.parametrize("stored", [False, True])
 def test_rotation_of_a_video_is_applied_unless_frames_are_requested_as_stored(tmp_path, stored):
     """The camera has the size of the frames as OpenCV reads them with and without the rotation."""
-    film = make_turned(tmp_path / "turned.mp4", 90)
+    film = write_rotated(tmp_path / "turned.mp4", 90)
     capture = cv2.VideoCapture(str(film))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(not stored))
     frame = capture.read()[1][..., ::-1]
@@ -253,16 +253,16 @@ def test_rotation_of_a_video_is_applied_unless_frames_are_requested_as_stored(tm
         image_size=(width, height),
     )
     views = {"front": VIEWS["front"]}
-    told = []
+    messages = []
     gateway = Gateway(
-        str(film), False, ball, views, on_status=told.append, stored_orientation=stored
+        str(film), False, ball, views, on_status=messages.append, stored_orientation=stored
     )
     with served(create_app(gateway, None)) as address:
-        shown = decoded_image(httpx.get(f"{address}front.jpg", timeout=300).content)
+        output = decoded_image(httpx.get(f"{address}front.jpg", timeout=300).content)
     expected = om.Dewarper(ball, views["front"](ball))(np.ascontiguousarray(frame))
-    assert off(shown, expected) < 6
+    assert mean_difference(output, expected) < 6
     assert [
-        ("as stored" if stored else "according to the file") in sentence for sentence in told
+        ("as stored" if stored else "according to the file") in message for message in messages
     ] == [True]
 
 
@@ -280,7 +280,7 @@ def test_encoding_error_does_not_stop_the_view(gateway, monkeypatch):
     monkeypatch.setattr(view.jpeg, "_encode", fail_twice)
     with served(create_app(gateway, None)) as address:
         assert httpx.get(f"{address}front.jpg", timeout=300).status_code == 200
-        until(lambda: not view.error)
+        wait_for(lambda: not view.error)
     assert "it is broken" in errors[0]
 
 
@@ -301,7 +301,10 @@ def test_steered_view_equals_the_dewarper(gateway, camera, film):
             image_of(film)
         )
         assert (
-            off(decoded_image(httpx.get(f"{address}eye.jpg", timeout=300).content), straight) < 2.5
+            mean_difference(
+                decoded_image(httpx.get(f"{address}eye.jpg", timeout=300).content), straight
+            )
+            < 2.5
         )
         status = httpx.post(eye, json={"pan_deg": 10.0, "zoom": 1.2, "relative": True}).json()
         assert status["pan_deg"] == 90.0
@@ -315,7 +318,7 @@ def test_steered_view_equals_the_dewarper(gateway, camera, film):
 
 
 @pytest.mark.parametrize(
-    ("name", "to", "status", "sentence"),
+    ("name", "to", "status", "message"),
     [
         ("front", {"pan_deg": 3}, 400, "the view 'front' must be steerable"),
         ("eye", {"tilt_deg": 90, "hfov_deg": 20}, 400, "is outside the field of the camera"),
@@ -354,12 +357,12 @@ def test_steered_view_equals_the_dewarper(gateway, camera, film):
         ("nose", {"pan_deg": 3}, 404, "the view must be one of front, eye, around; got 'nose'"),
     ],
 )
-def test_invalid_steering_is_rejected(gateway, name, to, status, sentence):
+def test_invalid_steering_is_rejected(gateway, name, to, status, message):
     with served(create_app(gateway, None)) as address:
         before = gateway.views["eye"].view
         answer = httpx.post(f"{address}api/views/{name}", json=to)
     assert answer.status_code == status
-    assert sentence in answer.text
+    assert message in answer.text
     assert gateway.views["eye"].view == before
 
 
@@ -429,18 +432,22 @@ def test_segments_need_no_password(gateway):
 
 
 def shown_by_vlc(url: str) -> np.ndarray:
-    """Return the fifth frame shown by VLC, which must not run as root."""
+    """Return the fifth frame displayed by VLC, which must not run as root."""
     with TemporaryDirectory() as folder:
         os.chmod(folder, 0o777)
         scene = f"--video-filter=scene --scene-format=png --scene-path={folder} --scene-ratio=1 --scene-prefix=p"
-        words = ["cvlc", "--quiet", "--no-audio", "--vout=dummy", *scene.split(), url]
+        arguments = ["cvlc", "--quiet", "--no-audio", "--vout=dummy", *scene.split(), url]
         nobody = {"user": "nobody"} if os.getuid() == 0 else {}
         environment = {"PATH": os.environ["PATH"], "HOME": folder}
         vlc = subprocess.Popen(
-            words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **nobody
+            arguments,
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            **nobody,
         )
         try:
-            until(lambda: len(list(Path(folder).glob("p*.png"))) > 5 or vlc.poll() is not None)
+            wait_for(lambda: len(list(Path(folder).glob("p*.png"))) > 5 or vlc.poll() is not None)
             return om.read_image(sorted(Path(folder).glob("p*.png"))[4])[..., :3]
         finally:
             vlc.kill()
@@ -453,10 +460,10 @@ def test_vlc_plays_all_stream_types(gateway, camera, film, suffix):
         pytest.skip("VLC is not installed: make programs")
     straight = om.Dewarper(camera, VIEWS["front"](camera))(image_of(film))
     with served(create_app(gateway, "secret")) as address:
-        shown = shown_by_vlc(
+        output = shown_by_vlc(
             address.replace("http://", "http://viewer:secret@") + f"front.{suffix}"
         )
-    assert off(shown[:96, :160], straight) < 2.5  # the coded H.264 frame has 98 rows
+    assert mean_difference(output[:96, :160], straight) < 2.5  # the coded H.264 frame has 98 rows
 
 
 def test_number_of_clients_is_limited(gateway, monkeypatch):
@@ -465,7 +472,7 @@ def test_number_of_clients_is_limited(gateway, monkeypatch):
         served(create_app(gateway, None)) as address,
         httpx.stream("GET", f"{address}front.mjpg", timeout=300),
     ):
-        until(lambda: gateway.views["front"].clients == 1)
+        wait_for(lambda: gateway.views["front"].clients == 1)
         answer = httpx.get(f"{address}eye.ts")
         assert (answer.status_code, answer.json()["detail"]) == (
             503,
@@ -479,17 +486,17 @@ def test_simultaneous_clients_are_counted_at_admission(gateway, monkeypatch):
 
     async def statuses(address: str) -> list[int]:
         async with AsyncExitStack() as opened, httpx.AsyncClient(timeout=300) as client:
-            asked = [
+            requests = [
                 client.stream("GET", f"{address}{name}.ts")
                 for name in ("front", "eye", "around", "front", "eye")
             ]
-            answers = await asyncio.gather(*(opened.enter_async_context(one) for one in asked))
+            answers = await asyncio.gather(*(opened.enter_async_context(one) for one in requests))
             return [answer.status_code for answer in answers]
 
     with served(create_app(gateway, None)) as address:
         for _ in range(2):
             assert sorted(in_a_loop(statuses(address))) == [200, 200, 503, 503, 503]
-            until(lambda: not any(view.clients for view in gateway.views.values()))
+            wait_for(lambda: not any(view.clients for view in gateway.views.values()))
 
 
 @pytest.mark.parametrize(
@@ -498,13 +505,13 @@ def test_simultaneous_clients_are_counted_at_admission(gateway, monkeypatch):
 def test_token_must_be_printable_ascii(film, camera, token):
     with pytest.raises(
         om.base.errors.InvalidParameter, match="token must consist of ASCII letters"
-    ) as refused:
+    ) as error:
         om.serve_views(str(film), VIEWS, camera=camera, token=token)
-    assert token not in str(refused.value)
+    assert token not in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("asked", "sentence"),
+    ("payload", "message"),
     [
         ({"pan_deg": 1e308}, "pan_deg must be less than or equal to 360; got 1e+308"),
         ({"pan_deg": -360.5}, "pan_deg must be greater than or equal to -360; got -360.5"),
@@ -522,11 +529,11 @@ def test_token_must_be_printable_ascii(film, camera, token):
         ({"zoom": True}, "zoom must be a number; got True"),
     ],
 )
-def test_steering_is_range_checked(gateway, asked, sentence):
+def test_steering_is_range_checked(gateway, payload, message):
     with TestClient(create_app(gateway, None), base_url="http://127.0.0.1") as client:
         before = client.get("/api/views/eye").json()
-        answer = client.post("/api/views/eye", json=asked)
-        assert (answer.status_code, answer.json()["detail"]) == (422, sentence)
+        answer = client.post("/api/views/eye", json=payload)
+        assert (answer.status_code, answer.json()["detail"]) == (422, message)
         assert client.get("/api/views/eye").json() == before
 
 
@@ -585,8 +592,8 @@ def test_slow_client_continues_with_a_key_frame():
         return first, is_requested, second, output.clients
 
     with ThreadPoolExecutor(1) as own:  # browser tests leave a running event loop in this thread
-        seen = own.submit(asyncio.run, watch()).result()
-    assert seen == (b"key 1", True, b"key 2", 0)
+        result = own.submit(asyncio.run, watch()).result()
+    assert result == (b"key 1", True, b"key 2", 0)
 
 
 # -- command -------------------------------------------------------------------------------------------
@@ -598,9 +605,9 @@ def command(film, camera, folder, *more):
     (folder / "views.toml").write_text(
         "[front]\nsize = [160, 96]\nhfov_deg = 70\n[left]\nsize = [64, 48]\npan_deg = -90"
     )
-    words = ("serve", film, "--sensor", "small.toml", "--views", "views.toml", *more)
+    arguments = ("serve", film, "--sensor", "small.toml", "--views", "views.toml", *more)
     with subprocess.Popen(
-        [sys.executable, "-m", "omnimirror", *map(str, words)],
+        [sys.executable, "-m", "omnimirror", *map(str, arguments)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -619,8 +626,8 @@ def command(film, camera, folder, *more):
 def test_command_serves_until_a_signal(film, camera, tmp_path, number, code):
     with command(film, camera, tmp_path) as (process, address):
         with httpx.stream("GET", f"{address}front.mjpg", timeout=300) as watched:
-            pictures = watched.iter_raw()
-            next(pictures)
+            parts = watched.iter_raw()
+            next(parts)
             process.send_signal(number)
             process.wait()
         assert process.returncode == code
@@ -676,9 +683,11 @@ def rtsp_server():
     running = []
 
     def start(port):
-        words = [SYSTEM_PYTHON, "-c", RTSP_SERVER, str(port)]
+        arguments = [SYSTEM_PYTHON, "-c", RTSP_SERVER, str(port)]
         running.append(
-            subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+            subprocess.Popen(
+                arguments, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            )
         )
         if running[-1].stdout.readline() != "ready\n":
             pytest.skip(
@@ -707,7 +716,7 @@ def test_publishing_resumes_after_a_server_restart(film, camera, tmp_path, rtsp_
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "message"),
     [
         (["a.png"], "source must be a camera, stream or video file; got a.png"),
         pytest.param(
@@ -731,10 +740,10 @@ def test_publishing_resumes_after_a_server_restart(film, camera, tmp_path, rtsp_
         (["cut.mp4"], "cannot read the video cut.mp4"),
     ],
 )
-def test_invalid_arguments_of_the_command(words, sentence, tmp_path):
-    if len(words) > 1:
+def test_invalid_arguments_of_the_command(arguments, message, tmp_path):
+    if len(arguments) > 1:
         (tmp_path / "views.toml").write_text("[front]")
     (tmp_path / "cut.mp4").write_bytes(b"\0\0\0 ftypisom")
-    assert sentence in fails(
-        "serve", *words, "--views", "views.toml", "--sensor", "paper-spherical", cwd=tmp_path
+    assert message in fails(
+        "serve", *arguments, "--views", "views.toml", "--sensor", "paper-spherical", cwd=tmp_path
     )

@@ -15,7 +15,7 @@ from omnimirror.interop.gateway.routes import create_app
 from omnimirror.io.video_frames import image_of_frame
 from tests.serving import in_a_loop, served
 
-from .test_gateway import VIEWS, camera, film, image_of, off, until
+from .test_gateway import VIEWS, camera, film, image_of, mean_difference, wait_for
 
 __all__ = ["camera", "film"]
 
@@ -31,14 +31,14 @@ async def watched(address: str, frames: int) -> tuple[np.ndarray, httpx.Response
     """Return the last of several frames received by a player, and the response to its disconnection."""
     player = rtc.RTCPeerConnection(rtc.RTCConfiguration(iceServers=[]))
     player.addTransceiver("video", direction="recvonly")
-    came: asyncio.Queue = asyncio.Queue()
-    player.on("track", came.put_nowait)
+    tracks: asyncio.Queue = asyncio.Queue()
+    player.on("track", tracks.put_nowait)
     await player.setLocalDescription(await player.createOffer())
     async with httpx.AsyncClient(timeout=300) as client:
         answer = await client.post(f"{address}front/whep", content=player.localDescription.sdp)
         assert (answer.status_code, answer.headers["content-type"]) == (201, "application/sdp")
         await player.setRemoteDescription(rtc.RTCSessionDescription(answer.text, "answer"))
-        track = await came.get()
+        track = await tracks.get()
         for _ in range(frames):
             frame = await track.recv()
         end = await client.delete(address.rstrip("/") + answer.headers["location"])
@@ -50,9 +50,9 @@ def test_player_receives_the_view_and_disconnects(gateway, camera, film):
     with served(create_app(gateway, None)) as address:
         received, end = in_a_loop(watched(address, 20))
         assert end.status_code == 200
-        until(lambda: gateway.views["front"].clients == 0)
+        wait_for(lambda: gateway.views["front"].clients == 0)
     straight = om.Dewarper(camera, VIEWS["front"](camera))(image_of(film))
-    assert off(received, straight) < 6  # low initial bit rate
+    assert mean_difference(received, straight) < 6  # low initial bit rate
 
 
 def test_invalid_offers_and_too_many_peers_are_rejected(gateway, monkeypatch):

@@ -20,7 +20,7 @@ def colours(points):
 
 
 def walls():
-    """Return corners (4, 3) mm of each wall, as seen from inside: (0, 0), (1, 0), (1, 1), (0, 1)."""
+    """Return corners (4, 3) mm of each wall, in the order observed from inside: (0, 0), (1, 0), (1, 1), (0, 1)."""
     for axis in range(3):
         for side in (-1.0, 1.0):
             one, other = [i for i in range(3) if i != axis]

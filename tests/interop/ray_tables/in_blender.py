@@ -1,6 +1,6 @@
 """Render the box through an exported camera; run by the Python of Blender.
 
-in_blender.py CAMERA.py PICTURE.exr SAMPLES
+in_blender.py CAMERA.py IMAGE.exr SAMPLES
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ def build_wall(number, corners):
     """Build a wall (4, 3) mm that emits its texture."""
     mesh = bpy.data.meshes.new(f"wall{number}")
     mesh.from_pydata((corners / 1000).tolist(), [], [(0, 1, 2, 3)])
-    places = mesh.uv_layers.new()
-    for k, place in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)]):
-        places.data[k].uv = place
+    uv_layer = mesh.uv_layers.new()
+    for k, corner_uv in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)]):
+        uv_layer.data[k].uv = corner_uv
     paint = box.texture(corners)
     image = bpy.data.images.new(
         f"wall{number}", *paint.shape[1::-1], float_buffer=True, is_data=True
@@ -42,7 +42,7 @@ def build_wall(number, corners):
     bpy.context.scene.collection.objects.link(bpy.data.objects.new(mesh.name, mesh))
 
 
-def main(script, picture, samples):
+def main(script, output, samples):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for number, corners in enumerate(box.walls()):
         build_wall(number, corners)
@@ -64,9 +64,9 @@ def main(script, picture, samples):
         "OPEN_EXR",
         "32",
     )
-    scene.render.filepath = picture
+    scene.render.filepath = output
     bpy.ops.render.render(write_still=True)
-    Path(picture).with_name("version.txt").write_text(bpy.app.version_string)
+    Path(output).with_name("version.txt").write_text(bpy.app.version_string)
 
 
 main(*sys.argv[1:])

@@ -30,11 +30,11 @@ def main(rays, depths):
     camera = newton.sensors.SensorCamera(model)
     camera.default_render_config.enable_backface_culling = False
     field = wp.array(np.load(rays), dtype=wp.vec3f, device="cpu")
-    place = wp.array(
+    transform = wp.array(
         [wp.transform(wp.vec3(), wp.quat_from_matrix(AHEAD))], dtype=wp.transformf, device="cpu"
     )
     depth = camera.allocate_image_depth(1, field.shape[1], field.shape[0])
-    camera.update(model.state(), place, field, depth_image=depth)
+    camera.update(model.state(), transform, field, depth_image=depth)
     np.save(depths, depth.numpy()[0])
 
 

@@ -18,7 +18,7 @@ import omnimirror as om
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.simulation.rendering import expose
 from tests.interop.ray_tables.box import Box, first_hits
-from tests.simulation.test_mitsuba_images import MISALIGNED, compared, grey_levels, small
+from tests.simulation.test_mitsuba_images import MISALIGNED, compare_images, grey_levels, small
 
 HERE = Path(__file__).parent
 
@@ -32,10 +32,10 @@ def python_of(program):
     return python
 
 
-def run_in(program, *words):
+def run_in(program, *arguments):
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     run = subprocess.run(
-        [python_of(program), HERE / f"in_{program.partition('-')[0]}.py", *map(str, words)],
+        [python_of(program), HERE / f"in_{program.partition('-')[0]}.py", *map(str, arguments)],
         capture_output=True,
         text=True,
         env=environment,
@@ -51,9 +51,9 @@ def run_in(program, *words):
 def test_blender_image(name, pose, blender, tmp_path, beside):
     sensor = small(name, 256, pose)
     om.write_rays(sensor, tmp_path / "camera.py", formats="blender")
-    run_in(blender, tmp_path / "camera.py", tmp_path / "picture.exr", 64)
-    theirs = om.read_image(tmp_path / "picture.exr")[..., :3]
-    decibels, shift = compared(sensor, expose(sensor, Box(), samples=16), theirs)
+    run_in(blender, tmp_path / "camera.py", tmp_path / "image.exr", 64)
+    reference = om.read_image(tmp_path / "image.exr")[..., :3]
+    decibels, shift = compare_images(sensor, expose(sensor, Box(), samples=16), reference)
     version = (tmp_path / "version.txt").read_text()
     levels = grey_levels(decibels), grey_levels(55)
     beside(

@@ -153,10 +153,10 @@ def test_views_equal_the_dewarper_and_times_are_exact(sensor, images, ride, tmp_
         dewarp = om.Dewarper(sensor, view, keep_map=True)
         messages = topics[f"/rover/cam/{name}/image_rect"]
         assert tuple(stamp for stamp, _ in messages) == STAMPS
-        for (stamp_ns, message), picture in zip(messages, images, strict=True):
+        for (stamp_ns, message), image in zip(messages, images, strict=True):
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp_ns - 7
             assert message.header.frame_id == f"omni_{name}_optical_frame"
-            assert np.array_equal(values(message), dewarp(picture))
+            assert np.array_equal(values(message), dewarp(image))
     assert [stamp for stamp, _ in topics["/rover/cam/front/camera_info"]] == list(STAMPS)
 
 
@@ -220,8 +220,8 @@ def test_yuv422_becomes_rgb(sensor, images, tmp_path, encoding, luma_first):
     assert np.abs(values(message).astype(int) - straight).mean() < 1.5
 
 
-@pytest.mark.parametrize(("kind", "off"), [("png", 0.0), ("jpeg", 1.5)])
-def test_compression_is_preserved(sensor, images, tmp_path, kind, off):
+@pytest.mark.parametrize(("kind", "tolerance"), [("png", 0.0), ("jpeg", 1.5)])
+def test_compression_is_preserved(sensor, images, tmp_path, kind, tolerance):
     smooth = cv2.GaussianBlur(images[0], (0, 0), 3)  # JPEG subsamples chroma
     bag = write(tmp_path / "ride", {f"{TOPIC}/compressed": [compressed(STAMPS[0], kind, smooth)]})
     om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor, views=VIEWS)
@@ -230,7 +230,7 @@ def test_compression_is_preserved(sensor, images, tmp_path, kind, off):
     assert message.format == f"rgb8; {kind} compressed bgr8"
     straight = om.Dewarper(sensor, VIEWS["front"], keep_map=True)(smooth)
     decoded = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED)[..., ::-1]
-    assert np.abs(decoded.astype(int) - straight).mean() <= off
+    assert np.abs(decoded.astype(int) - straight).mean() <= tolerance
 
 
 # -- cameras and frames ----------------------------------------------------------------------------
@@ -318,11 +318,11 @@ def ros1_bag(images, tmp_path_factory):
     with Writer1(path) as writer:
         connection = writer.add_connection(TOPIC, "sensor_msgs/msg/Image", typestore=store)
         other = writer.add_connection("/where", "my_msgs/msg/Odd", typestore=store, latching=1)
-        for seq, (stamp_ns, picture) in enumerate(zip(STAMPS, images, strict=True)):
+        for seq, (stamp_ns, image) in enumerate(zip(STAMPS, images, strict=True)):
             time = of["builtin_interfaces/msg/Time"](*divmod(stamp_ns - 7, 10**9))
             head = of["std_msgs/msg/Header"](seq, time, "omni_optical_frame")
             message = of["sensor_msgs/msg/Image"](
-                head, SIZE, SIZE, "rgb8", 0, 3 * SIZE, picture.ravel()
+                head, SIZE, SIZE, "rgb8", 0, 3 * SIZE, image.ravel()
             )
             writer.write(connection, stamp_ns, store.serialize_ros1(message, message.__msgtype__))
             writer.write(other, stamp_ns, bytes([seq]))
@@ -367,13 +367,13 @@ def test_ros1_topics_are_copied_to_ros1_bags(sensor, ride, ros1_bag, tmp_path):
     )
     assert result.copied == 3
     with AnyReader([tmp_path / "out.bag"]) as reader:
-        (kept,) = (c for c in reader.connections if c.topic == "/where")
-        assert (kept.msgtype, kept.msgdef.data.strip(), kept.ext.latching) == (
+        (connection,) = (c for c in reader.connections if c.topic == "/where")
+        assert (connection.msgtype, connection.msgdef.data.strip(), connection.ext.latching) == (
             "my_msgs/msg/Odd",
             "uint8 a",
             1,
         )
-        assert [(s, bytes(d)) for _, s, d in reader.messages(connections=[kept])] == [
+        assert [(s, bytes(d)) for _, s, d in reader.messages(connections=[connection])] == [
             (stamp, bytes([i])) for i, stamp in enumerate(STAMPS)
         ]
     with pytest.raises(
@@ -397,10 +397,10 @@ def test_other_topics_are_copied_byte_by_byte(sensor, ride, tmp_path):
 
     def digests(path):
         with AnyReader([path]) as reader:
-            kept = [c for c in reader.connections if c.topic in ("/where", TOPIC)]
+            connections = [c for c in reader.connections if c.topic in ("/where", TOPIC)]
             return [
                 (c.topic, s, hashlib.sha256(data).digest())
-                for c, s, data in reader.messages(connections=kept)
+                for c, s, data in reader.messages(connections=connections)
             ]
 
     assert sorted(digests(tmp_path / "out.mcap")) == sorted(digests(ride))
@@ -455,7 +455,7 @@ def test_topic_is_required_for_several_image_topics(sensor, images, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("encoding", "change", "sentence"),
+    ("encoding", "change", "message"),
     [
         ("32FC7", {}, "must be one of mono8, mono16.*; got '32FC7'"),
         (
@@ -471,11 +471,11 @@ def test_topic_is_required_for_several_image_topics(sensor, images, tmp_path):
     ],
 )
 def test_invalid_images_raise_and_leave_no_output(
-    sensor, images, tmp_path, encoding, change, sentence
+    sensor, images, tmp_path, encoding, change, message
 ):
-    message = replace(raw(STAMPS[0], encoding, images[0]), **change)
-    bag = write(tmp_path / "ride", {TOPIC: [message]})
-    with pytest.raises(MediaError, match=sentence):
+    ros_message = replace(raw(STAMPS[0], encoding, images[0]), **change)
+    bag = write(tmp_path / "ride", {TOPIC: [ros_message]})
+    with pytest.raises(MediaError, match=message):
         om.dewarp_bag(bag, tmp_path / "out.mcap", camera=sensor)
     assert [p.name for p in tmp_path.iterdir()] == ["ride"]
 
@@ -531,10 +531,13 @@ def test_command_equals_the_function(sensor, ride, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "out.mcap: 3 images of /rover/cam/image_raw, 3 copied messages" in run.stdout
     om.dewarp_bag(ride, tmp_path / "same.mcap", camera=sensor, views={"front": VIEWS["front"]})
-    ours, theirs = (
+    function_messages, command_messages = (
         read(tmp_path / name)["/rover/cam/front/image_rect"] for name in ("same.mcap", "out.mcap")
     )
-    assert all(np.array_equal(a[1].data, b[1].data) for a, b in zip(ours, theirs, strict=True))
+    assert all(
+        np.array_equal(a[1].data, b[1].data)
+        for a, b in zip(function_messages, command_messages, strict=True)
+    )
     run = omnimirror(
         "dewarp", ride, "--sensor", "small.toml", "--view", "dome", "-o", "dome", cwd=tmp_path
     )
@@ -543,17 +546,17 @@ def test_command_equals_the_function(sensor, ride, tmp_path):
 
 
 def test_options_for_other_sources_raise(ride, tmp_path):
-    words = ("dewarp", ride, "--sensor", "paper-spherical", "-o", tmp_path / "out.mcap")
+    arguments = ("dewarp", ride, "--sensor", "paper-spherical", "-o", tmp_path / "out.mcap")
     assert "--set video.crf requires videos; got the recording" in fails(
-        *words, "--set", "video.crf=20"
+        *arguments, "--set", "video.crf=20"
     )
-    assert "--restore requires images; got the recording" in fails(*words, "--restore")
+    assert "--restore requires images; got the recording" in fails(*arguments, "--restore")
     assert "--pan-deg must not be given with --views" in fails(
-        *words, "--views", "v.toml", "--pan-deg", "3"
+        *arguments, "--views", "v.toml", "--pan-deg", "3"
     )
     assert "--set bag.topic requires a ROS bag; got a.png" in fails(
         "dewarp", "a.png", "--sensor", "paper-spherical", "-o", "b.png", "--set", "bag.topic=/a"
     )
-    assert fails("dewarp", "nowhere.mcap", *words[2:]).endswith(
+    assert fails("dewarp", "nowhere.mcap", *arguments[2:]).endswith(
         "cannot read nowhere.mcap: the file or folder does not exist"
     )

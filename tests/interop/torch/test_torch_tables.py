@@ -51,12 +51,12 @@ def test_meridian_table_interpolates_sag_and_slope(kind):
 @pytest.mark.parametrize("kind", ["hyperboloid", "even-polynomial", "slope-spline", "equidistant"])
 def test_shape_derivative_table_interpolates_derivatives(kind):
     sensor = sensor_of(kind)
-    place = parameter_location(sensor, list(shape_names(sensor))[-1])
+    location = parameter_location(sensor, list(shape_names(sensor))[-1])
     x = np.linspace(0.3, sensor.mirror.rim_radius_mm, 777)
     sag, slope = at(
-        shape_derivative_table(sensor.mirror, place), x / sensor.mirror.rim_radius_mm * CELLS
+        shape_derivative_table(sensor.mirror, location), x / sensor.mirror.rim_radius_mm * CELLS
     )
-    truth = profile_derivatives(sensor.mirror, x, (place,))[..., 0]
+    truth = profile_derivatives(sensor.mirror, x, (location,))[..., 0]
     for value, expected in zip((sag, slope), truth, strict=False):
         np.testing.assert_allclose(
             value, expected, rtol=0, atol=1e-5 * np.abs(expected).max()
@@ -112,7 +112,7 @@ def find_reflections(kernels, tables, telecentric, distant, targets):
         ("equidistant", "perspective"),
         ("sampled", "perspective"),
     ),
-)  # a telecentric lens sees a cone at one field angle
+)  # a telecentric lens images a cone at one field angle
 def test_kernel_finds_the_verified_reflection_points(kind, lens, distant, kernels):
     """Targets in all directions, some of them not visible; the last block is partial."""
     mirror, telecentric = MIRRORS[kind][0], lens == "telecentric"

@@ -76,9 +76,9 @@ def drawn(page, shader, image, size, table=None, table_size=(0, 0)):
         for b in (table.read_bytes() if table else b"", image.tobytes())
     )
     text = shader if isinstance(shader, str) else shader.read_text()
-    words = [text, tabled, pixels, list(size), list(image.shape[1::-1]), list(table_size)]
-    read = np.frombuffer(base64.b64decode(page.evaluate(DRAW, words)), np.uint8)
-    return read.reshape(size[1], size[0], 4)[::-1, :, :3]
+    arguments = [text, tabled, pixels, list(size), list(image.shape[1::-1]), list(table_size)]
+    pixels_rgba = np.frombuffer(base64.b64decode(page.evaluate(DRAW, arguments)), np.uint8)
+    return pixels_rgba.reshape(size[1], size[0], 4)[::-1, :, :3]
 
 
 def glsl_of(hlsl):
@@ -86,10 +86,10 @@ def glsl_of(hlsl):
     if not (shutil.which("glslangValidator") and shutil.which("spirv-cross")):
         return None
     compiled, translated = hlsl.with_suffix(".spv"), hlsl.with_suffix(".spv.frag")
-    words = ["glslangValidator", "-D", "-V", "-S", "frag", "-e", "main", hlsl, "-o", compiled]
-    run = subprocess.run(words, capture_output=True, text=True)
+    arguments = ["glslangValidator", "-D", "-V", "-S", "frag", "-e", "main", hlsl, "-o", compiled]
+    run = subprocess.run(arguments, capture_output=True, text=True)
     assert run.returncode == 0, run.stdout
-    words = [
+    arguments = [
         "spirv-cross",
         compiled,
         "--version",
@@ -99,17 +99,17 @@ def glsl_of(hlsl):
         "--output",
         translated,
     ]
-    subprocess.run(words, check=True)
+    subprocess.run(arguments, check=True)
     text = translated.read_text().replace(
         "uniform highp vec4 Drawing[2];", "uniform vec2 resolution; uniform vec4 border;"
     )
-    for theirs, ours in {
+    for hlsl_name, glsl in {
         "Drawing[0].xy": "resolution",
         "Drawing[1]": "border",
         "SPIRV_Cross_Combinedview_mapSPIRV_Cross_DummySampler": "view_map",
         "SPIRV_Cross_Combinedsource_imagesmooth": "source_image",
     }.items():
-        text = text.replace(theirs, ours)
+        text = text.replace(hlsl_name, glsl)
     return text
 
 
@@ -119,7 +119,7 @@ def drawn_by_obs(effect, table, image, size, folder):
         return None
     source, view = folder / "source.npy", folder / "view.npy"
     np.save(source, image)
-    words = [
+    arguments = [
         "xvfb-run",
         "-a",
         sys.executable,
@@ -130,7 +130,7 @@ def drawn_by_obs(effect, table, image, size, folder):
         *map(str, size),
         view,
     ]
-    run = subprocess.run(words, capture_output=True, text=True)
+    run = subprocess.run(arguments, capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
     return np.load(view)[..., :3]
 
@@ -172,13 +172,13 @@ def piped(script, image, folder):
     """Run a GStreamer script on an image without a display; None if not installed."""
     source, view = folder / "source.png", folder / "view.png"
     om.write_image(source, image)
-    words = [
+    arguments = [
         "sh",
         script,
         f"filesrc location={source} ! pngdec",
         f"pngenc ! filesink location={view}",
     ]
-    run = subprocess.run(words, capture_output=True, text=True, env=os.environ | SCREENLESS)
+    run = subprocess.run(arguments, capture_output=True, text=True, env=os.environ | SCREENLESS)
     if run.returncode and not drawable():
         return None
     assert run.returncode == 0, run.stdout + run.stderr
@@ -191,7 +191,7 @@ SCREENLESS = {"GST_GL_PLATFORM": "egl", "GST_GL_WINDOW": "egl-device"}
 def drawable():
     """Return whether GStreamer with OpenGL is installed."""
     try:
-        words = [
+        arguments = [
             "gst-launch-1.0",
             "videotestsrc",
             "num-buffers=1",
@@ -203,7 +203,8 @@ def drawable():
             "fakesink",
         ]
         return (
-            subprocess.run(words, capture_output=True, env=os.environ | SCREENLESS).returncode == 0
+            subprocess.run(arguments, capture_output=True, env=os.environ | SCREENLESS).returncode
+            == 0
         )
     except FileNotFoundError:
         return False
@@ -213,8 +214,8 @@ STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror"
 
 
 def compilers():
-    found = [[name] for name in ("gcc", "clang") if shutil.which(name)]
-    return found + ([[sys.executable, "-m", "ziglang", "cc"]] if find_spec("ziglang") else [])
+    commands = [[name] for name in ("gcc", "clang") if shutil.which(name)]
+    return commands + ([[sys.executable, "-m", "ziglang", "cc"]] if find_spec("ziglang") else [])
 
 
 def compiled(c_file):
@@ -230,7 +231,7 @@ def compiled(c_file):
     return ctypes.CDLL(str(built)) if built.exists() else None
 
 
-def straightened(library, name, image, view):
+def dewarped_by_c(library, name, image, view):
     """Dewarp an image by the C file into an existing array."""
     dewarp = getattr(library, f"{name}_dewarp")
     dewarp.argtypes = [
@@ -284,8 +285,8 @@ def by_micropython(paths, expression):
     """Evaluate an expression of the module ``view`` in MicroPython; None if not installed."""
     if not (shutil.which("node") and MICROPYTHON.exists()):
         return None
-    words = ["node", HERE / "in_micropython.mjs", MICROPYTHON, *paths, expression]
-    run = subprocess.run(words, capture_output=True, text=True)
+    arguments = ["node", HERE / "in_micropython.mjs", MICROPYTHON, *paths, expression]
+    run = subprocess.run(arguments, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return ast.literal_eval(run.stdout)
 
@@ -296,7 +297,7 @@ def by_micropython(paths, expression):
 def in_c(sensor, view, image, folder):
     (exported,) = om.write_maps(sensor, view, folder / "view.c", formats="c99")
     width, height = view.size
-    return straightened(
+    return dewarped_by_c(
         compiled(exported.paths[0]), "view", image, np.zeros((height, width, 3), np.uint8)
     )
 

@@ -1,6 +1,6 @@
 """Draw an image by an effect and its map with the OBS library, on a display or on Xvfb.
 
-in_obs.py EFFECT TABLE.png PICTURE.npy WIDTH HEIGHT VIEW.npy
+in_obs.py EFFECT TABLE.png IMAGE.npy WIDTH HEIGHT VIEW.npy
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Library:
         return function
 
 
-def main(effect, table, picture, width, height, view):
+def main(effect, table, image, width, height, view):
     x11, obs, graphics = Library("X11"), Library("obs"), c.c_void_p()
     obs.obs_set_nix_platform_display(c.c_void_p(x11.XOpenDisplay(None)))
     assert not obs.gs_create(c.byref(graphics), find_library("obs-opengl").encode(), 0)
@@ -38,16 +38,18 @@ def main(effect, table, picture, width, height, view):
     )
     np.save(
         view,
-        draw(obs, effect.encode(), table.encode(), np.load(picture), (int(width), int(height))),
+        draw(obs, effect.encode(), table.encode(), np.load(image), (int(width), int(height))),
     )
 
 
-def draw(obs, effect, table, picture, size):
+def draw(obs, effect, table, source_pixels, size):
     """Draw the image (h, w, 3) by the effect; return (height, width, 4)."""
-    said = c.c_char_p()
-    made = c.c_void_p(obs.gs_effect_create_from_file(effect, c.byref(said)))
-    assert made.value, said.value
-    rows = np.ascontiguousarray(np.dstack([picture, np.full_like(picture[..., 0], 255)]))
+    error = c.c_char_p()
+    handle = c.c_void_p(obs.gs_effect_create_from_file(effect, c.byref(error)))
+    assert handle.value, error.value
+    rows = np.ascontiguousarray(
+        np.dstack([source_pixels, np.full_like(source_pixels[..., 0], 255)])
+    )
     data = c.c_void_p(rows.ctypes.data)
     image = c.c_void_p(
         obs.gs_texture_create(rows.shape[1], rows.shape[0], RGBA, 1, c.byref(data), 0)
@@ -56,13 +58,15 @@ def draw(obs, effect, table, picture, size):
     obs.gs_image_file_init(file, table)
     obs.gs_image_file_init_texture(file)
     for name, texture in ((b"image", image), (b"places", c.c_void_p.from_buffer(file))):
-        obs.gs_effect_set_texture(c.c_void_p(obs.gs_effect_get_param_by_name(made, name)), texture)
+        obs.gs_effect_set_texture(
+            c.c_void_p(obs.gs_effect_get_param_by_name(handle, name)), texture
+        )
     target = c.c_void_p(obs.gs_texrender_create(RGBA, 0))
     assert obs.gs_texrender_begin(target, *size)
     obs.gs_enable_depth_test(False)
     obs.gs_set_cull_mode(NEITHER)
     obs.gs_ortho(*map(c.c_float, (0, size[0], 0, size[1], -100, 100)))
-    while (obs.gs_effect_loop(made, b"Draw") or 0) & 1:
+    while (obs.gs_effect_loop(handle, b"Draw") or 0) & 1:
         obs.gs_draw_sprite(image, 0, *size)
     obs.gs_texrender_end(target)
     stage = c.c_void_p(obs.gs_stagesurface_create(*size, RGBA))

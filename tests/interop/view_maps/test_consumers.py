@@ -27,13 +27,13 @@ from tests.interop.view_maps.consumers import (
     by_micropython,
     compiled,
     compilers,
+    dewarped_by_c,
     drawn,
     drawn_by_obs,
     glsl_of,
     on_a_cortex_m7,
     piped,
     remapped,
-    straightened,
     warped,
 )
 
@@ -72,8 +72,8 @@ def export(kind, folder):
     return exported
 
 
-def max_difference(ours, theirs, mask):
-    return np.abs(ours.astype(int) - theirs.astype(int))[mask].max()
+def max_difference(image, reference, mask):
+    return np.abs(image.astype(int) - reference.astype(int))[mask].max()
 
 
 def sample(image, x, y):
@@ -120,10 +120,10 @@ def test_openimageio_st_warp(image, dewarped, interior, tmp_path, beside):
     oiio = pytest.importorskip(
         "OpenImageIO", reason="OpenImageIO is installed by `make test-full` only"
     )
-    theirs = warped(oiio, image, export("stmap", tmp_path).paths[0])[..., :3]
-    off = np.abs(theirs - dewarped)[interior].max()
-    what = "view by st_warp with the exported ST map, maximum difference in grey levels"
-    beside("OpenImageIO", what, off, 1, "")
+    output = warped(oiio, image, export("stmap", tmp_path).paths[0])[..., :3]
+    difference = np.abs(output - dewarped)[interior].max()
+    label = "view by st_warp with the exported ST map, maximum difference in grey levels"
+    beside("OpenImageIO", label, difference, 1, "")
 
 
 def test_opencv_float_and_fixed_point_maps(image, dewarped, interior, tmp_path, beside):
@@ -133,11 +133,11 @@ def test_opencv_float_and_fixed_point_maps(image, dewarped, interior, tmp_path, 
     assert max_difference(dewarped, sample(image, maps["map_x"], maps["map_y"]), interior) <= 1
     # OpenCV rounds coordinates of both kinds of maps to 1/32 px, which is visible at hard edges.
     assert np.mean(np.abs(fixed.astype(float) - floats)[interior]) < 0.3
-    off = np.mean(np.abs(dewarped.astype(float) - floats)[interior])
+    difference = np.mean(np.abs(dewarped.astype(float) - floats)[interior])
     beside(
         "OpenCV",
         "view by cv2.remap with exported maps, mean difference in grey levels",
-        off,
+        difference,
         0.3,
         "",
     )
@@ -154,31 +154,35 @@ def test_opencv_yaml_equals_npz(tmp_path):
 def test_ffmpeg_samples_the_nearest_pixel(image, tmp_path, beside):
     pytest.importorskip("av")
     exported = export("ffmpeg", tmp_path)
-    theirs = remapped(exported.paths, image)
-    places = om.view_map(SENSOR, AHEAD).dewarp_map
-    valid = np.isfinite(places).all(-1)
-    near = np.rint(np.nan_to_num(places)).astype(int)
+    output = remapped(exported.paths, image)
+    positions = om.view_map(SENSOR, AHEAD).dewarp_map
+    valid = np.isfinite(positions).all(-1)
+    near = np.rint(np.nan_to_num(positions)).astype(int)
     near = np.clip(near, 0, [511, 499])
-    ours = np.where(valid[..., None], image[near[..., 1], near[..., 0]], 0)
-    off = 100 * (theirs != ours).mean()
+    expected = np.where(valid[..., None], image[near[..., 1], near[..., 0]], 0)
+    difference = 100 * (output != expected).mean()
     beside(
-        "FFmpeg", "differing values of a view by the filter remap with exported maps", off, 0.1, "%"
+        "FFmpeg",
+        "differing values of a view by the filter remap with exported maps",
+        difference,
+        0.1,
+        "%",
     )
     assert 0.5 < exported.deviation.size <= np.sqrt(0.5)
 
 
 def test_ffmpeg_error_is_reduced_by_downscaling_a_larger_view(image, interior, tmp_path):
     pytest.importorskip("av")
-    ours = om.Dewarper(SENSOR, AHEAD)(image).astype(float)
-    off = []
+    expected = om.Dewarper(SENSOR, AHEAD)(image).astype(float)
+    difference = []
     for times in (1, 2):
         view = replace(AHEAD, size=(320 * times, 240 * times))
         (exported,) = om.write_maps(SENSOR, view, tmp_path / f"{times}.pgm", formats="ffmpeg")
-        theirs = cv2.resize(
+        output = cv2.resize(
             remapped(exported.paths, image), (320, 240), interpolation=cv2.INTER_AREA
         )
-        off.append(np.sqrt(np.mean((theirs - ours)[interior] ** 2)))
-    assert off[1] < 0.65 * off[0]
+        difference.append(np.sqrt(np.mean((output - expected)[interior] ** 2)))
+    assert difference[1] < 0.65 * difference[0]
 
 
 def test_vpi_map_has_one_control_point_per_pixel(image, dewarped, interior, tmp_path):
@@ -278,15 +282,15 @@ def page(launched):
 @pytest.mark.long
 def test_glsl_shader(page, image, dewarped, interior, tmp_path):
     paths = export("glsl", tmp_path).paths
-    theirs = drawn(page, paths[0], image, (320, 240), paths[1], (320, 240))
-    assert max_difference(dewarped, theirs, interior) <= 1
-    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
+    output = drawn(page, paths[0], image, (320, 240), paths[1], (320, 240))
+    assert max_difference(dewarped, output, interior) <= 1
+    assert (output[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
     larger = drawn(
         page, paths[0], image, (640, 480), paths[1], (320, 240)
     )  # interpolated between pixels of the map
-    ours = om.Dewarper(SENSOR, replace(AHEAD, size=(640, 480)), "linear")(image)
+    expected = om.Dewarper(SENSOR, replace(AHEAD, size=(640, 480)), "linear")(image)
     inside = cv2.resize(interior.astype(np.uint8), (640, 480), interpolation=cv2.INTER_NEAREST) > 0
-    assert np.mean(np.abs(ours.astype(float) - larger)[inside]) < 0.5
+    assert np.mean(np.abs(expected.astype(float) - larger)[inside]) < 0.5
 
 
 def test_hlsl_and_glsl_maps_are_equal(tmp_path):
@@ -301,43 +305,43 @@ def test_hlsl_shader(page, image, dewarped, interior, tmp_path):
     translated = glsl_of(paths[0])
     if translated is None:
         pytest.skip("glslang and SPIRV-Cross are not installed: make programs")
-    theirs = drawn(page, translated, image, (320, 240), paths[1], (320, 240))[
+    output = drawn(page, translated, image, (320, 240), paths[1], (320, 240))[
         ::-1
     ]  # rows of Direct3D start at the top
-    assert max_difference(dewarped, theirs, interior) <= 1
-    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
+    assert max_difference(dewarped, output, interior) <= 1
+    assert (output[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
 
 
 def test_obs_map_image(tmp_path):
     effect, table = export("obs", tmp_path).paths
     digits = om.read_image(table).astype(float)
     decoded = digits @ [256.0, 1.0, 1 / 256] - 1
-    places, valid = om.view_map(SENSOR, AHEAD).dewarp_map, digits[:, :320].any(-1)
-    assert (valid == np.isfinite(places).all(-1)).all()
+    positions, valid = om.view_map(SENSOR, AHEAD).dewarp_map, digits[:, :320].any(-1)
+    assert (valid == np.isfinite(positions).all(-1)).all()
     assert (
-        np.abs(np.stack([decoded[:, :320], decoded[:, 320:]], -1) - places)[valid].max()
+        np.abs(np.stack([decoded[:, :320], decoded[:, 320:]], -1) - positions)[valid].max()
         <= 1 / 512 + 1e-9
     )
     assert f'"{table.name}"' in effect.read_text()
 
 
 def test_obs_effect(image, dewarped, interior, tmp_path, beside):
-    theirs = drawn_by_obs(*export("obs", tmp_path).paths, image, (320, 240), tmp_path)
-    if theirs is None:
+    output = drawn_by_obs(*export("obs", tmp_path).paths, image, (320, 240), tmp_path)
+    if output is None:
         pytest.skip("libobs is not installed: make programs")
-    off = max_difference(dewarped, theirs, interior)
-    what = "view by libobs with the exported effect, maximum difference in grey levels"
-    beside("OBS Studio", what, off, 1, "", (tmp_path / "version.txt").read_text())
-    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
+    difference = max_difference(dewarped, output, interior)
+    label = "view by libobs with the exported effect, maximum difference in grey levels"
+    beside("OBS Studio", label, difference, 1, "", (tmp_path / "version.txt").read_text())
+    assert (output[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
 
 
 @pytest.mark.full
 def test_glshader_in_the_browser(page, image, dewarped, interior, tmp_path):
     exported = export("gstreamer", tmp_path)
     assert exported.deviation.size < 0.03
-    theirs = drawn(page, exported.paths[1], image, (320, 240))
-    assert max_difference(dewarped, theirs, interior) <= 1
-    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
+    output = drawn(page, exported.paths[1], image, (320, 240))
+    assert max_difference(dewarped, output, interior) <= 1
+    assert (output[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
 
 
 def test_long_shader_uses_a_coarser_grid(tmp_path):
@@ -351,22 +355,22 @@ def test_long_shader_uses_a_coarser_grid(tmp_path):
 
 
 def test_gstreamer_pipeline(image, dewarped, interior, tmp_path, beside):
-    theirs = piped(export("gstreamer", tmp_path).paths[0], image, tmp_path)
-    if theirs is None:
+    output = piped(export("gstreamer", tmp_path).paths[0], image, tmp_path)
+    if output is None:
         pytest.skip("GStreamer with OpenGL is not installed: make programs")
-    off = max_difference(dewarped, theirs, interior)
+    difference = max_difference(dewarped, output, interior)
     version = subprocess.run(
         ["gst-launch-1.0", "--version"], capture_output=True, text=True
     ).stdout.split("\n")[1]
     beside(
         "GStreamer",
         "view by glshader with the exported shader, maximum difference in grey levels",
-        off,
+        difference,
         1,
         "",
         version.removeprefix("GStreamer "),
     )
-    assert (theirs[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
+    assert (output[~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
 
 
 def test_depthai_mesh_error(tmp_path):
@@ -381,12 +385,12 @@ def test_depthai_mesh_error(tmp_path):
     assert tuple(mesh["size"]) == (320, 240)
     assert points.shape == (16, 21, 2)
     rows, columns = np.mgrid[:240, :320].astype(np.float32) / 16
-    places = om.view_map(sensor, view).dewarp_map
-    valid = np.isfinite(places).all(-1)
+    positions = om.view_map(sensor, view).dewarp_map
+    valid = np.isfinite(positions).all(-1)
     near = np.stack(
         [interpolate(points[..., k : k + 1], columns, rows)[..., 0] for k in (0, 1)], axis=-1
     )
-    error = np.linalg.norm(near - places, axis=-1)[valid].max()
+    error = np.linalg.norm(near - positions, axis=-1)[valid].max()
     assert abs(error - exported.deviation.size) < 0.01
     assert error < 2
 
@@ -432,7 +436,7 @@ def library(c_file):
 def test_c_dewarp(library, image, dewarped, interior, channels):
     source = np.ascontiguousarray(image[..., :channels])
     view = np.full((240, 320 + 5, channels), 77, np.uint8)  # padded rows
-    straightened(library, "ahead", source, view)
+    dewarped_by_c(library, "ahead", source, view)
     assert max_difference(dewarped[..., :channels], view[:, :320], interior) <= 1
     assert (view[:, 320:] == 77).all()
     assert (view[:, :320][~np.isfinite(om.view_map(SENSOR, AHEAD).dewarp_map).all(-1)] == 0).all()
@@ -440,13 +444,14 @@ def test_c_dewarp(library, image, dewarped, interior, channels):
 
 def test_c_source_pixels_and_floor_points(library):
     u, v = ctypes.c_float(), ctypes.c_float()
-    places = om.view_map(SENSOR, AHEAD).dewarp_map
+    positions = om.view_map(SENSOR, AHEAD).dewarp_map
     for row, column in [(0, 0), (239, 319), (120, 160), (7, 311), (200, 3)]:
-        is_valid = np.isfinite(places[row, column]).all()
+        is_valid = np.isfinite(positions[row, column]).all()
         assert library.ahead_source_pixel(column, row, u, v) == is_valid
         assert (
             not is_valid
-            or np.hypot(u.value - places[row, column, 0], v.value - places[row, column, 1]) < 0.03
+            or np.hypot(u.value - positions[row, column, 0], v.value - positions[row, column, 1])
+            < 0.03
         )
     assert library.ahead_source_pixel(320, 0, u, v) == 0
     for pixel, point in floor_points(
@@ -464,9 +469,9 @@ def floor_points(floor):
 def assert_on_floor(pixel, point):
     """Compare with the traced ray, up to three times the height."""
     (origin,), (direction,), _ = SENSOR.backproject([pixel])
-    reach = (-800.0 - origin[2]) / direction[2] if direction[2] else -1.0
-    expected = (origin + reach * direction)[:2] / 10
-    if reach > 0 and np.hypot(*expected) < 240:
+    distance = (-800.0 - origin[2]) / direction[2] if direction[2] else -1.0
+    expected = (origin + distance * direction)[:2] / 10
+    if distance > 0 and np.hypot(*expected) < 240:
         assert np.hypot(*(np.array(point) - expected)) < 0.1
     if direction[2] > 0:
         assert point is None
@@ -477,10 +482,10 @@ def test_micropython_module(tmp_path):
     (exported,) = om.write_maps(SENSOR, AHEAD, tmp_path / "ahead.py", formats="openmv")
     module = runpy.run_path(str(exported.paths[0]))
     try:
-        places = om.view_map(SENSOR, AHEAD).dewarp_map
+        positions = om.view_map(SENSOR, AHEAD).dewarp_map
         for row, column in [(120, 160), (200, 3), (100, 311)]:
             assert (
-                np.hypot(*(np.array(module["source_pixel"](column, row)) - places[row, column]))
+                np.hypot(*(np.array(module["source_pixel"](column, row)) - positions[row, column]))
                 < 0.03
             )
         assert module["source_pixel"](320, 0) is None
@@ -515,7 +520,7 @@ def test_cortex_m7_result_and_instructions(c_file, library):
         range(512 * 500), lambda each, _: (1664525 * each + 1013904223) % 2**32, initial=1
     )
     source = (np.array(list(noise)[1:]) >> 24).astype(np.uint8).reshape(500, 512, 1)
-    view = straightened(library, "ahead", source, np.zeros((240, 320, 1), np.uint8))
+    view = dewarped_by_c(library, "ahead", source, np.zeros((240, 320, 1), np.uint8))
     assert total == reduce(lambda a, b: (31 * a + b) % 2**32, view.ravel().tolist())
     print(f"{instructions / 1e6:.2f} million instructions")
     assert instructions < 9.6e6
@@ -544,13 +549,13 @@ def test_instructions_on_this_machine(c_file):
     main.write_text(MAIN)
     subprocess.run(["gcc", "-std=c99", "-O2", main, c_file, "-o", main.with_suffix("")], check=True)
     counts = []
-    for words in ([], ["1"]):
+    for arguments in ([], ["1"]):
         run = [
             "valgrind",
             "--tool=callgrind",
             "--callgrind-out-file=/dev/null",
             main.with_suffix(""),
-            *words,
+            *arguments,
         ]
         log = subprocess.run(run, capture_output=True, text=True).stderr
         counts.append(int(log.split("Collected :")[1].split()[0]))

@@ -47,12 +47,12 @@ VIEWS = {
 
 def round_trip_errors(camera, view, viewpoint="exact"):
     """Return the errors, px, of pixels mapped to the image and back to the view."""
-    places = om.view_map(camera, view, viewpoint).dewarp_map
+    positions = om.view_map(camera, view, viewpoint).dewarp_map
     errors = []
     for left, top, screen in parts_of(view):
         width, height = screen.size
         v, u = np.mgrid[1 : height - 2 : 7, 1:width:7]
-        sources = places[v + top, u + left]
+        sources = positions[v + top, u + left]
         valid = np.isfinite(sources).all(-1)
         rays = camera.backproject(sources[valid])
         centre = centre_of_projection(camera, screen, viewpoint)
@@ -61,7 +61,7 @@ def round_trip_errors(camera, view, viewpoint="exact"):
         pixels = np.stack([u, v], axis=-1)[valid][rays.valid].astype(float)
         # in source px: a pole of a panorama is one point of the image and many pixels of the view
         scale = np.linalg.norm(
-            np.gradient(places[top : top + height, left : left + width], axis=1), axis=-1
+            np.gradient(positions[top : top + height, left : left + width], axis=1), axis=-1
         )
         errors.append(
             np.linalg.norm(result - pixels, axis=-1) * np.fmin(scale[v, u][valid][rays.valid], 1.0)
@@ -171,10 +171,10 @@ def test_rays_outside_the_view_are_nan(name):
 def test_initial_values_are_a_grid_over_the_screen(size, monkeypatch):
     """From 0.25 px inside one edge to the other, in steps of one pixel or 1/160 of the longer side; a
     side of one pixel is covered too."""
-    seen = []
+    calls = []
     targets = _inverse_mapping._targets
     monkeypatch.setattr(
-        _inverse_mapping, "_targets", lambda screen, at: (seen.append(at), targets(screen, at))[1]
+        _inverse_mapping, "_targets", lambda screen, at: (calls.append(at), targets(screen, at))[1]
     )
     view = om.screens.Plane(size, hfov_deg=60.0, distance_mm=500.0)
     centre = np.array(size) / 2 - 0.5
@@ -183,13 +183,13 @@ def test_initial_values_are_a_grid_over_the_screen(size, monkeypatch):
     directions = points / np.linalg.norm(points, axis=1, keepdims=True)
     np.testing.assert_allclose(intersect_screen(view, 0 * points, directions), pixels, atol=1e-6)
     for axis, side in enumerate(size):
-        places = np.unique(seen[0][:, axis])
-        assert (places[0], places[-1]) == (-0.25, side - 0.75)
-        steps = np.diff(places)
+        positions = np.unique(calls[0][:, axis])
+        assert (positions[0], positions[-1]) == (-0.25, side - 0.75)
+        steps = np.diff(positions)
         np.testing.assert_allclose(steps, steps.mean(), rtol=1e-9)
-        wanted = (side - 0.5) / max(1, max(size) / 160)
-        assert wanted <= len(steps) < wanted + 1
-    assert len(seen[0]) == np.prod([len(np.unique(seen[0][:, axis])) for axis in (0, 1)])
+        min_steps = (side - 0.5) / max(1, max(size) / 160)
+        assert min_steps <= len(steps) < min_steps + 1
+    assert len(calls[0]) == np.prod([len(np.unique(calls[0][:, axis])) for axis in (0, 1)])
 
 
 @pytest.mark.parametrize(
@@ -230,19 +230,19 @@ def test_node_at_the_origin_of_the_rays_has_no_direction():
     )
     directions = Bowl().targets_at(u, v)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    found = intersect_screen(Bowl(), 0 * directions, directions)
-    np.testing.assert_allclose(found, np.stack([u, v], axis=1), atol=1e-6)
+    pixels = intersect_screen(Bowl(), 0 * directions, directions)
+    np.testing.assert_allclose(pixels, np.stack([u, v], axis=1), atol=1e-6)
 
 
 def test_large_images_are_mapped_in_chunks(monkeypatch):
     """At most 65536 rays are intersected at once, each pixel once."""
     counts = []
 
-    def counted(screen, origins, directions):
+    def count_rays(screen, origins, directions):
         counts.append(len(directions))
         return np.zeros((len(directions), 2))
 
-    monkeypatch.setattr(_inverse_mapping, "intersect_screen", counted)
+    monkeypatch.setattr(_inverse_mapping, "intersect_screen", count_rays)
     camera = om.Unified(
         xi=0.9, focal_px=(160.0, 160.0), centre_px=(149.5, 149.5), image_size=(300, 300)
     )

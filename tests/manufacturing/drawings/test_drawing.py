@@ -60,8 +60,8 @@ def test_paper_lengths_match_the_scale(name, size, scale):
     z = float(sensor.mirror.sag(rim))
     extents = np.array([np.ptp(p, axis=0) for p in paths if len(p) > 1]) / POINT
     # the meridian of the mirror view is drawn above and below the axis, with the width of its sag
-    here = np.abs(extents - mirror_scale * np.array([z, rim])).max(axis=1) < 0.01
-    assert here.sum() >= 2
+    matches = np.abs(extents - mirror_scale * np.array([z, rim])).max(axis=1) < 0.01
+    assert matches.sum() >= 2
     # dimension lines have the lengths of their measures
     lengths = [(m, sensor_scale), (2 * rim, mirror_scale)]
     if mirror_scale == 1:  # its text is on the line, without an extension
@@ -77,12 +77,12 @@ def test_drawn_rays_have_their_field_angles():
     """Measure the object-side chief rays of the sensor view on paper."""
     _, paths = pdf_paths(draw_sheets(om.load_sensor("paper-spherical")).render("pdf"))
     inner = [p for p in paths if len(p) == 4]  # world, mirror, lens, imager
-    found = set()
+    angles_deg = set()
     for p in inner:
         d = p[0] - p[1]
         if np.hypot(*d) > 20 and p[1, 0] > p[2, 0] > p[3, 0]:
-            found.add(round(float(np.degrees(np.arctan2(abs(d[1]), -d[0]))), 1))
-    assert {30.0, 60.0, 90.0, 120.0, 135.0} <= found
+            angles_deg.add(round(float(np.degrees(np.arctan2(abs(d[1]), -d[0]))), 1))
+    assert {30.0, 60.0, 90.0, 120.0, 135.0} <= angles_deg
 
 
 def texts(figure):
@@ -91,8 +91,8 @@ def texts(figure):
     canvas = FigureCanvasAgg(figure)
     renderer = canvas.get_renderer()
     mm = 25.4 / figure.dpi
-    found = [t for t in figure.axes[0].texts if t.get_text().strip()]
-    return [(t.get_text(), np.array(t.get_window_extent(renderer).extents) * mm) for t in found]
+    labels = [t for t in figure.axes[0].texts if t.get_text().strip()]
+    return [(t.get_text(), np.array(t.get_window_extent(renderer).extents) * mm) for t in labels]
 
 
 def segments(figure):
@@ -109,10 +109,10 @@ def crosses(segments, box):
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.sort(np.stack([(low - start) / along, (high - start) / along]), axis=0)
-    beside = (along == 0) & ((start <= low) | (start >= high))
+    is_outside = (along == 0) & ((start <= low) | (start >= high))
     enter = np.where(along == 0, -np.inf, ends[0]).max(axis=1)
     leave = np.where(along == 0, np.inf, ends[1]).min(axis=1)
-    return (np.maximum(enter, 0) < np.minimum(leave, 1)) & ~beside.any(axis=1)
+    return (np.maximum(enter, 0) < np.minimum(leave, 1)) & ~is_outside.any(axis=1)
 
 
 FULL = Body(8.0, bore_diameter_mm=6.0, bore_depth_mm=np.inf, flange_width_mm=5.0)
@@ -191,9 +191,9 @@ def test_labels_do_not_overlap_and_are_inside_the_frame(case):
     assert len(drawing.figures) == (2 if sensor.secondary is None else 3)
     for figure in drawing.figures:
         boxes, lines = texts(figure), segments(figure)
-        for words, (x0, y0, x1, y1) in boxes:
-            assert 20 < x0 < x1 < width - 10, words
-            assert 10 < y0 < y1 < height - 10, words
+        for label, (x0, y0, x1, y1) in boxes:
+            assert 20 < x0 < x1 < width - 10, label
+            assert 10 < y0 < y1 < height - 10, label
         for i, (a, box) in enumerate(boxes):
             for b, other in boxes[i + 1 :]:
                 apart = (
@@ -227,17 +227,17 @@ def test_letter_heights_conform_to_iso_3098(size):
     assert min(fonts) * 0.729 / POINT >= 2.499
 
 
-def shown(drawing, sheet):
+def texts_of(drawing, sheet):
     return set(re.findall(r">([^<>]+)</text>", drawing.render("svg", sheet).decode()))
 
 
 def test_part_sheet_contains_manufacturing_data():
     sensor = om.load_sensor("paper-hyperboloidal")
     body = Body(thread="M6", bore_depth_mm=12.0)
-    words = shown(draw_sheets(sensor, body, workshop=WORKSHOP), 1)
+    labels = texts_of(draw_sheets(sensor, body, workshop=WORKSHOP), 1)
     volume = 2.70e-3 * body.volume_mm3(sensor.mirror)
     edge, radius = float(sensor.mirror.sag(43.9)), float(sensor.mirror.radius_t(0.0))
-    assert words >= {
+    assert labels >= {
         "Ø87.8 ± 0.02",
         "5 ± 0.05",
         f"({edge:.3f})",
@@ -269,8 +269,8 @@ def test_part_sheet_contains_manufacturing_data():
 
 
 def test_unspecified_entries_refer_to_general_tolerances():
-    words = shown(draw_sheets(om.load_sensor("paper-spherical")), 1)
-    assert words >= {
+    labels = texts_of(draw_sheets(om.load_sensor("paper-spherical")), 1)
+    assert labels >= {
         "3/ ISO 10110-11",
         "4/ ISO 10110-11",
         "5/ ISO 10110-11",
@@ -278,7 +278,7 @@ def test_unspecified_entries_refer_to_general_tolerances():
         "ISO 2768-mK",
         "Ø87.81",
     }
-    assert not any("±" in word for word in words)
+    assert not any("±" in word for word in labels)
 
 
 def test_allocated_tolerances_are_on_the_sheets():
@@ -291,7 +291,7 @@ def test_allocated_tolerances_are_on_the_sheets():
     )
     drawing = draw_sheets(sensor, workshop=allocated)
     tilt = 87.81 * np.tan(np.radians(0.1))
-    assert shown(drawing, 0) >= {
+    assert texts_of(drawing, 0) >= {
         "180.429 ± 0.1",
         "Ø0.08",
         f"{tilt:.3g}",
@@ -299,7 +299,7 @@ def test_allocated_tolerances_are_on_the_sheets():
         "± 0.05 mm",
         "± 20 px",
     }
-    assert shown(drawing, 1) >= {
+    assert texts_of(drawing, 1) >= {
         "49.9582 ± 0.05 mm",
         "0 ± 0.005",
         "3/- RMSt &lt; 289 nm",
@@ -314,20 +314,20 @@ def test_data_file_matches_its_checksum(tmp_path):
     tables = {f.path.name: f.path for f in files if f.path.suffix == ".csv"}
     for name, mark in zip(sorted(tables), ("-mirror", "-secondary"), strict=True):
         svg = (tmp_path / f"folded-spherical{mark}-drawing.svg").read_text()
-        words = re.findall(r">([^<>]+)</text>", svg)
-        at = words.index(name)
-        assert "".join(words[at + 2 : at + 6]) == sha256(tables[name].read_bytes()).hexdigest()
+        labels = re.findall(r">([^<>]+)</text>", svg)
+        at = labels.index(name)
+        assert "".join(labels[at + 2 : at + 6]) == sha256(tables[name].read_bytes()).hexdigest()
 
 
 def test_assembly_sheet_describes_the_sensor():
     drawing = draw_sheets(om.load_sensor("paper-spherical"), TAPPED, Housing(rod=Rod(4.0)))
-    assert shown(drawing, 0) >= {"paper-spherical", "180.429", "12.271", "4.35 %", "1:1"}
-    assert shown(drawing, 1) >= {"Ø87.81", "(26.122)", "M6, 12 deep", "drill Ø5"}
+    assert texts_of(drawing, 0) >= {"paper-spherical", "180.429", "12.271", "4.35 %", "1:1"}
+    assert texts_of(drawing, 1) >= {"Ø87.81", "(26.122)", "M6, 12 deep", "drill Ø5"}
     assert 'width="1190.55' in drawing.render("svg").decode()
 
 
 @pytest.mark.parametrize(
-    ("shell", "words"),
+    ("shell", "label"),
     [
         (Dome(material="polycarbonate"), "polycarbonate, n = 1.5855"),
         (Tube(material="sapphire", medium="water"), "sapphire, n = 1.7682, in water, n = 1.3331"),
@@ -338,17 +338,17 @@ def test_assembly_sheet_describes_the_sensor():
         ),
     ],
 )
-def test_cover_label_states_the_material(shell, words):
+def test_cover_label_states_the_material(shell, label):
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(shell=shell))
-    assert words in shown(draw_sheets(sensor), 0)
+    assert label in texts_of(draw_sheets(sensor), 0)
     assert sensor.meridian.cover.shell.index == pytest.approx(
-        float(re.search(r"n = ([\d.]+\d)", words)[1])
+        float(re.search(r"n = ([\d.]+\d)", label)[1])
     )
 
 
 def test_sensor_without_housing_has_no_housing_lines():
     assert not any(
-        "tube" in word for word in shown(draw_sheets(om.load_sensor("paper-spherical")), 0)
+        "tube" in word for word in texts_of(draw_sheets(om.load_sensor("paper-spherical")), 0)
     )
 
 

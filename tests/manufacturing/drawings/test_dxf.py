@@ -66,13 +66,13 @@ def test_dimensions_measure_the_part(name, extra, tmp_path):
     expected = [87.8, edge, body.thickness_mm, edge + body.thickness_mm, *map(float, extra)]
     measured = [d.get_measurement() for d in page.query("DIMENSION")]
     np.testing.assert_allclose(sorted(measured), sorted(expected), atol=1e-9)
-    shown = {
+    texts = {
         t.plain_text()
         for d in page.query("DIMENSION")
         for t in d.virtual_entities()
         if t.dxftype() == "MTEXT"
     }
-    assert {"Ø87.8", f"{edge:.3f}"} <= shown
+    assert {"Ø87.8", f"{edge:.3f}"} <= texts
 
 
 def test_layers_hatch_and_centre_line(tmp_path):
@@ -82,8 +82,11 @@ def test_layers_hatch_and_centre_line(tmp_path):
     )
     doc = ezdxf.readfile(tmp_path / "mirror.dxf")
     for layer in LAYERS:
-        found = doc.layers.get(layer.name)
-        assert (found.dxf.linetype, found.dxf.lineweight) == (layer.linetype, layer.width)
+        layer_entry = doc.layers.get(layer.name)
+        assert (layer_entry.dxf.linetype, layer_entry.dxf.lineweight) == (
+            layer.linetype,
+            layer.width,
+        )
         assert doc.modelspace().query(f"*[layer=='{layer.name}']")
     (hatch,) = doc.modelspace().query("HATCH")
     boundary = np.array(hatch.paths[0].vertices)[:, :2]
@@ -114,13 +117,13 @@ def test_layout_matches_the_sheet(size, tmp_path):
     assert not doc.audit().errors
     layout = doc.layout(size)
     figure = draw_sheets(sensor, Body(), sheet=size, workshop=workshop).figures[1]
-    wanted = sorted((t.get_text(), *t.get_position()) for t in figure.axes[0].texts)
+    expected = sorted((t.get_text(), *t.get_position()) for t in figure.axes[0].texts)
     texts = list(layout.query("TEXT"))
-    found = sorted(
+    labels = sorted(
         (t.dxf.text, *list(t.get_placement()[-1] or t.get_placement()[1])[:2]) for t in texts
     )
-    assert [words for words, *_ in found] == [words for words, *_ in wanted]
-    np.testing.assert_allclose([at for _, *at in found], [at for _, *at in wanted], atol=1e-6)
+    assert [text for text, *_ in labels] == [text for text, *_ in expected]
+    np.testing.assert_allclose([at for _, *at in labels], [at for _, *at in expected], atol=1e-6)
     assert min(t.dxf.height for t in texts) == pytest.approx(2.5)
     points = np.concatenate(
         [np.array(line.get_points("xy")) for line in layout.query("LWPOLYLINE")]
@@ -137,15 +140,15 @@ def test_dimensions_include_tolerances_and_counterbore(tmp_path):
     page = ezdxf.readfile(tmp_path / "mirror.dxf").modelspace()
     measured = [d.get_measurement() for d in page.query("DIMENSION")]
     assert {14.0, 49.69, 6.0, 87.8} <= {round(float(m), 6) for m in measured}
-    shown = {
+    texts = {
         t.plain_text()
         for d in page.query("DIMENSION")
         for t in d.virtual_entities()
         if t.dxftype() == "MTEXT"
     }
     assert {"Ø87.8±0.02", "5±0.05"} <= {
-        words.replace(" ", "").replace("\n", "") for words in shown
-    }, shown
+        text.replace(" ", "").replace("\n", "") for text in texts
+    }, texts
 
 
 def test_rotated_text_matches_the_sheet(tmp_path):
@@ -159,9 +162,9 @@ def test_rotated_text_matches_the_sheet(tmp_path):
     lines = [np.array(line.get_points())[:, :2] for line in page.query("LWPOLYLINE")]
     for text in upright:
         box = bbox.extents([text])
-        beside = [
+        neighbours = [
             p
             for p in lines
             if len(p) == 2 and 0.3 < p[0, 0] - box.extmax.x < 3 and np.ptp(p[:, 0]) < 1e-6
         ]
-        assert any(abs(p[:, 1].mean() - box.center.y) < 0.6 for p in beside), text.dxf.text
+        assert any(abs(p[:, 1].mean() - box.center.y) < 0.6 for p in neighbours), text.dxf.text

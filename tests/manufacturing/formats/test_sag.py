@@ -52,9 +52,9 @@ def test_table_defines_the_same_sampled_mirror(tmp_path):
     (tmp_path / "sag.csv").write_text(
         format_table(sensor, table_points(sensor, step_mm=0.5), digits=9)
     )
-    again = SampledProfile.from_csv(tmp_path / "sag.csv")
+    reread = SampledProfile.from_csv(tmp_path / "sag.csv")
     x = np.linspace(0, sensor.mirror.rim_radius_mm, 333)
-    np.testing.assert_allclose(again.sag(x), sensor.mirror.sag(x), atol=1e-8)
+    np.testing.assert_allclose(reread.sag(x), sensor.mirror.sag(x), atol=1e-8)
 
 
 def test_angular_rows_have_equal_field_angle_steps():
@@ -72,7 +72,7 @@ def test_rim_row_is_not_repeated():
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "message"),
     [
         ({"step_mm": 0.0}, "must be positive"),
         ({"step_deg": -1.0}, "must be positive"),
@@ -80,8 +80,8 @@ def test_rim_row_is_not_repeated():
         ({"step_mm": 1.0, "step_deg": 1.0}, "must not be given together"),
     ],
 )
-def test_invalid_step_is_rejected(options, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
+def test_invalid_step_is_rejected(options, message):
+    with pytest.raises(InvalidParameter, match=message):
         table_points(sensor_of("sphere"), **options)
 
 
@@ -123,16 +123,16 @@ def test_best_fit_sphere_is_optimal(kind):
         return float(np.abs(departure(p)).max())
 
     for merit, function in (("least-squares", rms), ("min-departure", worst)):
-        found = best_fit_sphere(mirror, merit)
+        sphere = best_fit_sphere(mirror, merit)
         options = {"xatol": 1e-9, "fatol": 1e-12, "maxiter": 5000, "maxfev": 5000}
         other = minimize(function, [50.0, 50.0], method="Nelder-Mead", options=options)
-        mine = function([found.radius_mm, found.centre_z_mm])
-        assert mine <= other.fun * (1 + 1e-4)
-        assert 1e-3 * found.rms_um == pytest.approx(
-            rms([found.radius_mm, found.centre_z_mm]), rel=1e-3
+        minimum = function([sphere.radius_mm, sphere.centre_z_mm])
+        assert minimum <= other.fun * (1 + 1e-4)
+        assert 1e-3 * sphere.rms_um == pytest.approx(
+            rms([sphere.radius_mm, sphere.centre_z_mm]), rel=1e-3
         )
-        assert 1e-3 * found.peak_to_valley_um == pytest.approx(
-            np.ptp(departure([found.radius_mm, found.centre_z_mm])), rel=1e-6
+        assert 1e-3 * sphere.peak_to_valley_um == pytest.approx(
+            np.ptp(departure([sphere.radius_mm, sphere.centre_z_mm])), rel=1e-6
         )
 
 
@@ -141,10 +141,10 @@ def test_departure_is_positive_for_material_removal():
     mirror = EvenPolynomial((0.01,), 30.0)
     sphere = best_fit_sphere(mirror)
     x = np.array([5.0, 17.0, 30.0])
-    off = sphere.departure_um(mirror, x)
+    departure_um = sphere.departure_um(mirror, x)
     distance = np.hypot(x, sphere.centre_z_mm - mirror.sag(x))
-    assert np.all((off > 0) == (distance < sphere.radius_mm))
-    np.testing.assert_allclose(off, 1e3 * (sphere.radius_mm - distance), atol=1e-9)
+    assert np.all((departure_um > 0) == (distance < sphere.radius_mm))
+    np.testing.assert_allclose(departure_um, 1e3 * (sphere.radius_mm - distance), atol=1e-9)
 
 
 def test_slope_departure_is_the_angle_between_normals():

@@ -95,7 +95,7 @@ def test_solid_is_closed_and_its_face_matches_the_mirror(kind, body, tmp_path):
     slack = 1e-3 * curve.deviation_um * 3 * np.pi * mirror.rim_radius_mm**2
     assert volume(shape) == pytest.approx(exact_volume(mirror, body), rel=1e-8, abs=slack)
 
-    found = []
+    deviations = []
     for name, points in faces(shape):
         r = np.hypot(points[:, 0], points[:, 1])
         if r.max() > mirror.rim_radius_mm * (1 + 1e-9):
@@ -103,8 +103,8 @@ def test_solid_is_closed_and_its_face_matches_the_mirror(kind, body, tmp_path):
         z, slope, _ = mirror.profile(np.minimum(r, mirror.rim_radius_mm))
         distance_um = 1e3 * np.abs(points[:, 2] - z) / np.sqrt(1 + slope**2)
         if distance_um.max() < 1:
-            found.append((name, r, distance_um.max()))
-    ((name, r, worst),) = found
+            deviations.append((name, r, distance_um.max()))
+    ((name, r, worst),) = deviations
     assert worst <= max(1.02 * curve.deviation_um, 1e-5)  # the file holds 13 digits
     assert worst < 0.01
     assert r.min() == pytest.approx(body.start_mm(), abs=1e-9)

@@ -106,12 +106,12 @@ def test_nose_larger_than_concave_radius_is_rejected():
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("options", "message"),
     [
         ({"radius_mm": 0.0}, r"radius_mm must be between 0\.001 and 100 mm; got 0"),
         *(
             (
-                {name: value * (1 + off)},
+                {name: value * (1 + excess)},
                 rf"{name} must be between {low:g} and {high:g} {unit}; got",
             )
             for name, unit, low, high in (
@@ -120,16 +120,16 @@ def test_nose_larger_than_concave_radius_is_rejected():
                 ("tolerance_nm", "nm", 0.1, 1e5),
                 ("spindle_rpm", "1/min", 1.0, 1e5),
             )
-            for value, off in ((low, -1e-6), (high, 1e-6))
+            for value, excess in ((low, -1e-6), (high, 1e-6))
         ),
         ({"clearance_mm": -1e-6}, "clearance_mm must be between 0 and 1000 mm; got -1e-06"),
         ({"clearance_mm": 1001.0}, "clearance_mm must be between 0 and 1000 mm; got 1001"),
         ({"x_is_diameter": 2}, "x_is_diameter must be True or False; got 2"),
     ],
 )
-def test_invalid_tool_is_rejected(words, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
-        Tool(**words)
+def test_invalid_tool_is_rejected(options, message):
+    with pytest.raises(InvalidParameter, match=message):
+        Tool(**options)
 
 
 @pytest.mark.parametrize("bound", [0, 1])
@@ -242,9 +242,9 @@ def test_command_writes_program_and_list(tmp_path):
     centres = driven((tmp_path / "folded-spherical-path.nc").read_text()) + np.array([0.0, 0.2])
     x = np.linspace(0.0, mirror.rim_radius_mm, 999)
     assert np.abs(nearest(np.stack([x, -mirror.sag(x)], axis=-1), centres) - 0.2).max() < 20e-6
-    refused = omnimirror(
+    run = omnimirror(
         "export", "folded-spherical", "-o", tmp_path / "a.nc", "--set", "tool.radius_mm=-1"
     )
-    assert refused.returncode != 0
-    assert "radius_mm must be between 0.001 and 100 mm; got -1" in refused.stderr
+    assert run.returncode != 0
+    assert "radius_mm must be between 0.001 and 100 mm; got -1" in run.stderr
     assert not (tmp_path / "a.nc").exists()

@@ -141,11 +141,11 @@ def test_missing_lens_distortion_is_noted(tmp_path):
         write_zmx(tmp_path / name, s)
         systems.append(parse_zmx(tmp_path / name)[0])
     np.testing.assert_allclose(*(np.array(s["YFLN"], float) for s in systems), rtol=1e-14)
-    said = [
+    counts = [
         (tmp_path / name).read_text(encoding="utf-16").count("distortion")
         for name in ("straight", "bent")
     ]
-    assert said == [0, 1]
+    assert counts == [0, 1]
 
 
 def test_focus_matches_the_sensor(tmp_path):

@@ -48,9 +48,9 @@ def on(
 
 def in_machine(points: np.ndarray, above: bool = False) -> np.ndarray:
     """Convert to machine coordinates: tilts of 0.8 deg and -0.5 deg, vertex at (3, -2, 100) mm."""
-    seen = points @ Rotation.from_euler("xy", [0.8, -0.5], degrees=True).as_matrix().T + [
+    machine_points = points @ Rotation.from_euler("xy", [0.8, -0.5], degrees=True).as_matrix().T + [
         3.0,
         -2.0,
         100.0,
     ]
-    return seen * [1.0, -1.0, -1.0] if above else seen
+    return machine_points * [1.0, -1.0, -1.0] if above else machine_points

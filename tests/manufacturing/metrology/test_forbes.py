@@ -44,12 +44,12 @@ def test_known_terms_are_recovered():
     assert ball.radius_mm == pytest.approx(50.0, rel=1e-12)
     assert np.abs(ball.um).max() < 1e-6
     assert forbes_asphere(Sphere(50.0, 4.0)).radius_mm == pytest.approx(50.0)  # 0.16 mm deep
-    made = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
+    asphere = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
     x = np.linspace(0, 40, 401)
-    profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)
-    found = forbes_asphere(profile)
-    assert found.um[:3] == pytest.approx((12.0, -3.0, 0.7), abs=5e-3)
-    assert found.sag(x) == pytest.approx(made.sag(x), abs=1e-5)
+    profile = om.mirrors.SampledProfile(tuple(x), tuple(asphere.sag(x)), uncertainty_um=0.0)
+    fit = forbes_asphere(profile)
+    assert fit.um[:3] == pytest.approx((12.0, -3.0, 0.7), abs=5e-3)
+    assert fit.sag(x) == pytest.approx(asphere.sag(x), abs=1e-5)
 
 
 def test_a_mirror_that_is_hard_to_describe_has_16_terms():
@@ -59,15 +59,15 @@ def test_a_mirror_that_is_hard_to_describe_has_16_terms():
     profile = om.mirrors.SampledProfile(
         tuple(x), tuple(Sphere(50.0, 40.0).sag(x) + ripple - ripple[0]), uncertainty_um=0.0
     )
-    found = forbes_asphere(profile)
-    assert len(found.um) == 16
-    assert found.rms_residual_um == pytest.approx(1 / np.sqrt(2), rel=0.1)
+    fit = forbes_asphere(profile)
+    assert len(fit.um) == 16
+    assert fit.rms_residual_um == pytest.approx(1 / np.sqrt(2), rel=0.1)
 
 
 def test_terms_end_once_so_little_is_left():
-    made = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
+    asphere = ForbesAsphere(50.0, 40.0, (12.0, -3.0, 0.7), 0.0)
     x = np.linspace(0, 40, 2001)
-    profile = om.mirrors.SampledProfile(tuple(x), tuple(made.sag(x)), uncertainty_um=0.0)
+    profile = om.mirrors.SampledProfile(tuple(x), tuple(asphere.sag(x)), uncertainty_um=0.0)
     assert [len(forbes_asphere(profile, left_um).um) for left_um in (1e-2, 0.3, 2.0, 20.0)] == [
         3,
         2,
@@ -82,7 +82,7 @@ def test_terms_end_once_so_little_is_left():
     # RMS over the meridian of the omitted terms, at equal steps of the angle whose sine is x / M
     u = np.sin((np.arange(4000) + 0.5) / 4000 * np.pi / 2)
     left = forbes_asphere(profile, 0.3)
-    departure = made.sag(40 * u) - left.sag(40 * u)
+    departure = asphere.sag(40 * u) - left.sag(40 * u)
     assert left.rms_residual_um == pytest.approx(1e3 * np.sqrt(np.mean(departure**2)), rel=1e-3)
 
 
@@ -103,10 +103,10 @@ def test_unsupported_mirror_is_rejected(mirror, depth):
 
 @pytest.mark.parametrize("depth_mm", [19.9, 0.01, -0.01, -19.9])
 def test_radius_of_the_sphere_through_vertex_and_rim(depth_mm):
-    found = forbes_asphere(EvenPolynomial((depth_mm / 20.0,), 20.0, 20.0))
+    fit = forbes_asphere(EvenPolynomial((depth_mm / 20.0,), 20.0, 20.0))
     x = np.array([0.0, 20.0])
-    assert found.sag(x) == pytest.approx([0.0, depth_mm], abs=1e-12)
-    assert np.hypot(20.0, depth_mm - found.radius_mm) == pytest.approx(abs(found.radius_mm))
+    assert fit.sag(x) == pytest.approx([0.0, depth_mm], abs=1e-12)
+    assert np.hypot(20.0, depth_mm - fit.radius_mm) == pytest.approx(abs(fit.radius_mm))
     assert forbes_asphere(Sphere(50.0, 49.99999)).radius_mm == pytest.approx(50.0)
 
 
@@ -119,9 +119,9 @@ def test_command_prints_the_asphere(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "Forbes asphere (Qbfs): R = " in done.stdout
-    told = json.loads((tmp_path / "form.json").read_text())["forbes_qbfs"]
+    data = json.loads((tmp_path / "form.json").read_text())["forbes_qbfs"]
     asphere = ForbesAsphere(
-        told["radius_mm"], told["rim_radius_mm"], tuple(told["um"]), told["rms_residual_um"]
+        data["radius_mm"], data["rim_radius_mm"], tuple(data["um"]), data["rms_residual_um"]
     )
     x = np.linspace(0, mirror.rim_radius_mm, 50)
     u = x / mirror.rim_radius_mm

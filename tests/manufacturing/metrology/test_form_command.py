@@ -57,10 +57,10 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
 
     from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
 
-    meant = om.load_sensor("paper-hyperboloidal")
-    truth = replace(meant, mirror_form=MirrorForm((6, 9), (10.0, 4.0)))
+    nominal = om.load_sensor("paper-hyperboloidal")
+    truth = replace(nominal, mirror_form=MirrorForm((6, 9), (10.0, 4.0)))
     np.savetxt(
-        tmp_path / "cmm.csv", on(meant.mirror, {6: 10.0, 9: 4.0}, 0.1, count=4000), delimiter=","
+        tmp_path / "cmm.csv", on(nominal.mirror, {6: 10.0, 9: 4.0}, 0.1, count=4000), delimiter=","
     )
     for name, more in (("about.toml", []), ("whole.toml", ["--set", "as_built.asymmetric=true"])):
         done = omnimirror(
@@ -77,12 +77,12 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
         ]
     )
     about, whole = (om.load_sensor(tmp_path / name) for name in ("about.toml", "whole.toml"))
-    seen = {
+    pixels = {
         s: c.project_directions(towards).pixels
-        for s, c in {"meant": meant, "truth": truth, "about": about, "whole": whole}.items()
+        for s, c in {"meant": nominal, "truth": truth, "about": about, "whole": whole}.items()
     }
-    does = np.abs(seen["truth"] - seen["meant"]).max()
-    assert does > 0.2
+    effect_px = np.abs(pixels["truth"] - pixels["meant"]).max()
+    assert effect_px > 0.2
     # machine coordinates do not contain the mount of the mirror; a small shift and tilt account for
     # the difference
     poses = [
@@ -90,17 +90,19 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
         for name in ("decentre_x_mm", "decentre_y_mm", "tilt_x_deg", "tilt_y_deg")
     ]
     moves = [
-        replace(meant, mirror_pose=pose).project_directions(towards).pixels - seen["meant"]
+        replace(nominal, mirror_pose=pose).project_directions(towards).pixels - pixels["meant"]
         for pose in poses
     ]
     columns = np.stack([move.ravel() for move in moves], axis=1)
 
     def left_of(name):
-        off = (seen[name] - seen["truth"]).ravel()
-        return np.abs(off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]).max()
+        differences = (pixels[name] - pixels["truth"]).ravel()
+        return np.abs(
+            differences - columns @ np.linalg.lstsq(columns, differences, rcond=None)[0]
+        ).max()
 
-    assert left_of("whole") < 0.05 * does
-    assert left_of("about") > 0.5 * does
+    assert left_of("whole") < 0.05 * effect_px
+    assert left_of("about") > 0.5 * effect_px
     assert whole.mirror_form.zernike
     assert (
         "as_built.asymmetric requires --output"
@@ -127,7 +129,7 @@ def test_telecentric_sensors_are_supported(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "message"),
     [
         (("missing.csv",), "missing.csv"),
         (("few.csv",), "must have at least 50 points; got 3"),
@@ -135,11 +137,16 @@ def test_telecentric_sensors_are_supported(tmp_path):
         (("few.csv", "--set", "fit.order=1"), "order must be an integer between 2 and 12; got 1"),
     ],
 )
-def test_invalid_input_prints_one_message_and_writes_no_file(words, sentence, tmp_path):
+def test_invalid_input_prints_one_message_and_writes_no_file(arguments, message, tmp_path):
     (tmp_path / "few.csv").write_text("1,2,3\n4,5,6\n7,8,9\n")
     done = omnimirror(
-        "form", "paper-spherical", tmp_path / words[0], *words[1:], "-o", tmp_path / "made.toml"
+        "form",
+        "paper-spherical",
+        tmp_path / arguments[0],
+        *arguments[1:],
+        "-o",
+        tmp_path / "made.toml",
     )
     assert done.returncode not in (0, 70)
-    assert sentence in done.stderr
+    assert message in done.stderr
     assert not (tmp_path / "made.toml").exists()

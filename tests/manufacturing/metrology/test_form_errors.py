@@ -41,9 +41,9 @@ def test_amplitudes_are_recovered_within_five_percent(name, term, above):
     form = om.form_error(
         MIRRORS[name], in_machine(on(MIRRORS[name], {term: 1.0}, noise_um=0.2), above)
     )
-    found = amounts(form)
-    assert found[term] == pytest.approx(1.0, abs=0.05)
-    others = [um for j, um in found.items() if j not in (1, term)]
+    amplitudes = amounts(form)
+    assert amplitudes[term] == pytest.approx(1.0, abs=0.05)
+    others = [um for j, um in amplitudes.items() if j not in (1, term)]
     assert np.abs(others).max() < 0.03
     assert form.noise_um == pytest.approx(0.2, rel=0.1)
     assert form.unexplained_um < 0.05
@@ -52,28 +52,28 @@ def test_amplitudes_are_recovered_within_five_percent(name, term, above):
 
 def test_alignment_is_recovered_and_spheres_use_their_outline():
     for mirror, vertex, tilt in ((HYPERBOLOID, 2e-4, 2e-4), (BALL, 0.1, 0.1)):
-        place = om.form_error(mirror, in_machine(on(mirror, {9: 0.5}, 0.1))).place
-        np.testing.assert_allclose(place.vertex_mm, [3.0, -2.0, 100.0], atol=vertex)
-        np.testing.assert_allclose(place.tilt_deg, [0.8, -0.5], atol=tilt)
-        assert len(place.free) == (2 if mirror is BALL else 0)
+        alignment = om.form_error(mirror, in_machine(on(mirror, {9: 0.5}, 0.1))).place
+        np.testing.assert_allclose(alignment.vertex_mm, [3.0, -2.0, 100.0], atol=vertex)
+        np.testing.assert_allclose(alignment.tilt_deg, [0.8, -0.5], atol=tilt)
+        assert len(alignment.free) == (2 if mirror is BALL else 0)
 
 
 def test_uncertainties_are_realistic():
     truth = {5: 0.4, 9: -0.3, 11: 0.5}
-    off = []
+    deviations = []
     for seed in range(25):
         form = om.form_error(
             HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.3, count=1500, seed=seed)), order=4
         )
         # Shift and tilt of the mirror absorb a part of terms 2, 3, 7 and 8, its height a part of
         # term 1
-        off += [
+        deviations += [
             (t.um - truth.get(t.noll, 0.0)) / t.sigma_um
             for t in form.terms
             if t.noll in (5, 6, 9, 10, 12, 13, 14, 15)
         ]
-    assert np.mean(np.abs(off) < 3) >= 0.95
-    assert 0.7 < np.std(off) < 1.3
+    assert np.mean(np.abs(deviations) < 3) >= 0.95
+    assert 0.7 < np.std(deviations) < 1.3
 
 
 def test_noise_and_unexplained_form_are_separated():
@@ -104,25 +104,25 @@ def test_null_test_departures_are_equivalent():
     along = height_mm(truth, points[:, 0] / 44.0, points[:, 1] / 44.0) / np.sqrt(
         1 + HYPERBOLOID.slope(r) ** 2
     )
-    seen = np.column_stack([points[:, :2] + [7.0, 9.0], along + 0.01])
-    found = amounts(om.form_error(HYPERBOLOID, seen, are_departures=True))
-    assert found[6] == pytest.approx(0.8, abs=0.02)
-    assert found[11] == pytest.approx(-0.4, abs=0.04)
+    departures = np.column_stack([points[:, :2] + [7.0, 9.0], along + 0.01])
+    amplitudes = amounts(om.form_error(HYPERBOLOID, departures, are_departures=True))
+    assert amplitudes[6] == pytest.approx(0.8, abs=0.02)
+    assert amplitudes[11] == pytest.approx(-0.4, abs=0.04)
 
 
 def test_corrected_mirror_contains_symmetric_terms():
     truth = {4: 0.5, 6: 1.0, 11: -0.6, 22: 0.3}
-    made = om.form_error(
+    corrected = om.form_error(
         HYPERBOLOID, in_machine(on(HYPERBOLOID, truth, 0.05, count=12000))
     ).corrected()
     x = np.linspace(0.5, 43.5, 200)
     about = {j: um for j, um in truth.items() if noll(j)[1] == 0}
-    wanted = (
+    expected = (
         HYPERBOLOID.sag(x)
         + height_mm(about, x / 44.0, 0 * x)
         - height_mm(about, np.zeros(1), np.zeros(1))
     )
-    assert np.ptp(1e3 * (made.sag(x) - wanted)) < 0.05  # um; the alignment absorbs its part
+    assert np.ptp(1e3 * (corrected.sag(x) - expected)) < 0.05  # um; the alignment absorbs its part
 
 
 def test_summary_values_match_the_surface():
@@ -143,7 +143,7 @@ def test_partial_coverage_reduces_the_order():
 
 
 @pytest.mark.parametrize(
-    ("points", "sentence"),
+    ("points", "message"),
     [
         (on(HYPERBOLOID, {}, 0.1)[:199], "the cloud must have at least 200 points; got 199"),
         (
@@ -162,8 +162,8 @@ def test_partial_coverage_reduces_the_order():
         (np.zeros((300, 3)), "."),
     ],
 )
-def test_invalid_points_are_rejected(points, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence):
+def test_invalid_points_are_rejected(points, message):
+    with pytest.raises(OmnimirrorError, match=message):
         om.form_error(HYPERBOLOID, points)
 
 
@@ -188,21 +188,21 @@ def posed(points: np.ndarray, seed: int) -> np.ndarray:
     """
     rng = np.random.default_rng(seed)
     turn = Rotation.from_euler("xyz", [*rng.normal(size=2), rng.uniform(0, 360)], degrees=True)
-    seen = points @ turn.as_matrix().T + 30 * rng.normal(size=3)
-    return seen * [1.0, -1.0, -1.0] if seed % 2 else seen
+    machine_points = points @ turn.as_matrix().T + 30 * rng.normal(size=3)
+    return machine_points * [1.0, -1.0, -1.0] if seed % 2 else machine_points
 
 
-def in_place(points: np.ndarray, seed: int) -> np.ndarray:
+def unchanged(points: np.ndarray, seed: int) -> np.ndarray:
     return points
 
 
-@pytest.mark.parametrize("place", [in_place, posed])
+@pytest.mark.parametrize("transform", [unchanged, posed])
 @pytest.mark.parametrize("factor", few([1.0, 1.002, 0.998, 0.98, 1.02], 1.002, 0.98))
-def test_radius_error_causes_no_tilt_or_shift(factor, place):
+def test_radius_error_causes_no_tilt_or_shift(factor, transform):
     """The radius is the only error: no tilt, no asymmetric form, no rejected points."""
     nominal = om.load_sensor("paper-spherical").mirror
     truth = replace(nominal, radius_mm=factor * nominal.radius_mm)
-    form = om.form_error(nominal, place(on(truth, {}, 0.3, count=4000, seed=101), 3))
+    form = om.form_error(nominal, transform(on(truth, {}, 0.3, count=4000, seed=101), 3))
     assert form.radius_mm == pytest.approx(
         truth.radius_mm, abs=4 * form.place.radius_sigma_mm + 1e-6
     )
@@ -211,7 +211,7 @@ def test_radius_error_causes_no_tilt_or_shift(factor, place):
     assert len(form.x_mm) > 3990
     assert profile_error_um(form, truth) < 0.1
     assert max(abs(t.um) for t in form.terms if noll(t.noll)[1]) < 0.03
-    if place is in_place:
+    if transform is unchanged:
         assert np.abs(form.place.vertex_mm).max() < 1e-3
         np.testing.assert_array_equal(form.place.tilt_deg, 0.0)
         assert not form.place.is_centred_by_outline
@@ -229,8 +229,8 @@ def test_sphere_of_another_mirror_is_rejected():
 def test_two_percent_gross_outliers(name, seed):
     mirror = {**MIRRORS, "cone": Cone(45.0, 30.0)}[name]
     points, rng = on(mirror, {}, 0.3, count=4000, seed=seed), np.random.default_rng(seed)
-    wrong = rng.choice(4000, 80, replace=False)
-    points[wrong, 2] += 3.0 if seed % 2 else rng.choice([-3.0, 3.0], 80)
+    outliers = rng.choice(4000, 80, replace=False)
+    points[outliers, 2] += 3.0 if seed % 2 else rng.choice([-3.0, 3.0], 80)
     form = om.form_error(mirror, posed(points, seed))
     assert 75 <= form.outliers <= 82
     assert profile_error_um(form, mirror) < 0.1  # noise at the vertex, with few points
@@ -276,15 +276,15 @@ def test_profile_determines_symmetric_form(name, columns):
     )
     c, s = np.cos(0.005), np.sin(0.005)
     profile = np.stack([c * x - s * z + 3.0, s * x + c * z + 50.0], axis=1)
-    if columns == 3:  # along another line, seen from above
+    if columns == 3:  # along another line in plan view
         profile = np.column_stack([0.6 * profile[:, 0], 0.8 * profile[:, 0] + 2.0, -profile[:, 1]])
     form = om.form_error(nominal, profile)
     assert form.place.is_profile
     assert form.place.is_inverted == (columns == 3)
     assert all(noll(t.noll)[1] == 0 for t in form.terms)
     at = np.linspace(0, 0.98, 200)
-    made = truth.sag(at * truth.rim_radius_mm) + 1e-3 * 0.5 * np.sqrt(5) * (6 * at**4 - 6 * at**2)
-    assert np.abs(1e3 * (form.corrected().sag(at * truth.rim_radius_mm) - made)).max() < 0.1
+    sag_mm = truth.sag(at * truth.rim_radius_mm) + 1e-3 * 0.5 * np.sqrt(5) * (6 * at**4 - 6 * at**2)
+    assert np.abs(1e3 * (form.corrected().sag(at * truth.rim_radius_mm) - sag_mm)).max() < 0.1
     if name == "hyperboloid":
         across = [0, -1] if columns == 2 else [-0.8, -0.6]
         np.testing.assert_allclose(
@@ -293,7 +293,7 @@ def test_profile_determines_symmetric_form(name, columns):
 
 
 @pytest.mark.parametrize(
-    ("points", "options", "sentence"),
+    ("points", "options", "message"),
     [
         (
             np.stack([np.linspace(2, 40, 400), BALL.sag(np.linspace(2, 40, 400))], axis=1),
@@ -322,6 +322,6 @@ def test_profile_determines_symmetric_form(name, columns):
         ),
     ],
 )
-def test_invalid_profiles_and_probes_are_rejected(points, options, sentence):
-    with pytest.raises(OmnimirrorError, match=sentence):
+def test_invalid_profiles_and_probes_are_rejected(points, options, message):
+    with pytest.raises(OmnimirrorError, match=message):
         om.form_error(BALL, points, **options)

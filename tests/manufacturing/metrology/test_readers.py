@@ -99,7 +99,7 @@ def test_grid_sag_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "sentence"),
+    ("name", "content", "message"),
     [
         ("a.stl", b"x", r"must have one of the suffixes \.csv"),
         ("a.csv", None, "a.csv"),
@@ -122,10 +122,10 @@ def test_grid_sag_file(tmp_path):
         ("a.csv", b"probe\nA. Meier", "must contain rows of x, y, z"),
     ],
 )
-def test_invalid_files_are_rejected(name, content, sentence, tmp_path):
+def test_invalid_files_are_rejected(name, content, message, tmp_path):
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    with pytest.raises(OmnimirrorError, match=sentence):
+    with pytest.raises(OmnimirrorError, match=message):
         om.read_points(tmp_path / name)
 
 
@@ -225,12 +225,13 @@ def test_file_type_is_detected_from_first_512_bytes(machine, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("points", "is_read"), [((4000, 5000), True), ((1, 20_000_001), False), ((5001, 4000), False)]
+    ("points", "is_accepted"),
+    [((4000, 5000), True), ((1, 20_000_001), False), ((5001, 4000), False)],
 )
-def test_grid_is_limited_to_20_million_points(points, is_read, machine, tmp_path):
+def test_grid_is_limited_to_20_million_points(points, is_accepted, machine, tmp_path):
     machine(Reader(np.zeros((2, 3)), points))
     (tmp_path / "a.opd").write_bytes(b"\1")
-    if is_read:
+    if is_accepted:
         assert om.read_points(tmp_path / "a.opd").shape == (6, 3)
         return
     count = points[0] * points[1]
@@ -263,16 +264,16 @@ def test_instrument_file_is_limited_to_256_mb(machine, tmp_path):
 def test_any_error_of_the_package_is_one_line(error, reason, machine, tmp_path):
     machine(error)
     (tmp_path / "a.plux").write_bytes(b"\1")
-    with pytest.raises(OmnimirrorError) as refused:
+    with pytest.raises(OmnimirrorError) as exception:
         om.read_points(tmp_path / "a.plux")
-    assert str(refused.value) == f"{tmp_path / 'a.plux'} cannot be read: {reason}"
+    assert str(exception.value) == f"{tmp_path / 'a.plux'} cannot be read: {reason}"
 
 
 def test_missing_instrument_file_is_reported(tmp_path):
     path = tmp_path / "a.plux"
-    with pytest.raises(OmnimirrorError) as refused:
+    with pytest.raises(OmnimirrorError) as exception:
         om.read_points(path)
-    assert str(refused.value) == f"cannot read the points {path}: No such file or directory"
+    assert str(exception.value) == f"cannot read the points {path}: No such file or directory"
 
 
 X3P = """<?xml version="1.0" encoding="UTF-8"?>

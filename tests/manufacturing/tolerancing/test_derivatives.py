@@ -59,8 +59,8 @@ class Rays:
     def __init__(self, sensor, name, sizes):
         self.sensor, self.name, self.sizes = sensor, name, sizes[:, None, None]
 
-    def of(self, name, meant=0.0):
-        return meant + (self.sizes if name == self.name else 0 * self.sizes)
+    def of(self, name, nominal=0.0):
+        return nominal + (self.sizes if name == self.name else 0 * self.sizes)
 
     def height(self, x, y):
         mirror, s = self.sensor.mirror, x * x + y * y
@@ -104,12 +104,13 @@ class Rays:
         turn = self.tilted("mirror")
         names = ("decentre_x_mm", "decentre_y_mm", "displacement_mm")
         shift = np.stack([self.of(f"mirror.{n}") for n in names], -1)
-        place = (
+        position = (
             self.of("lens.entrance_pupil_mm", self.sensor.lens.entrance_pupil_mm)
             - self.sensor.mirror_distance_mm
         )
         start = (
-            np.stack(np.broadcast_arrays(PUPIL[:, 0, None], PUPIL[:, 1, None], place), -1) - shift
+            np.stack(np.broadcast_arrays(PUPIL[:, 0, None], PUPIL[:, 1, None], position), -1)
+            - shift
         )
         start = np.einsum("...ji,...j->...i", turn, start)
         d = np.concatenate([tangents, np.ones_like(tangents[..., :1])], -1)
@@ -141,11 +142,11 @@ class Rays:
             return np.einsum("nki,...ni->...nk", sides, self.reflected(t))
 
         for _ in range(7):
-            here, h = miss(t), 1e-6
-            if np.abs(here).max() < 1e-14:
+            error, h = miss(t), 1e-6
+            if np.abs(error).max() < 1e-14:
                 break
-            rate = np.stack([(miss(t + step) - here) / h for step in h * np.eye(2)], -1)
-            t -= np.linalg.solve(rate, here[..., None])[..., 0]
+            rate = np.stack([(miss(t + step) - error) / h for step in h * np.eye(2)], -1)
+            t -= np.linalg.solve(rate, error[..., None])[..., 0]
         assert np.abs(miss(t)).max() < 1e-12
         return t
 
@@ -176,10 +177,10 @@ class Rays:
         u = np.cos(turn)[..., None] * axes[..., 0] + np.sin(turn)[..., None] * axes[..., 1]
         v = np.cos(turn)[..., None] * axes[..., 1] - np.sin(turn)[..., None] * axes[..., 0]
         normal = axes[..., 2]
-        met = ray * (far * normal[..., 2] / (ray * normal).sum(-1))[..., None]
-        met[..., 2] -= far
+        intersection = ray * (far * normal[..., 2] / (ray * normal).sum(-1))[..., None]
+        intersection[..., 2] -= far
         pixels = (
-            np.stack([(met * u).sum(-1), (met * v).sum(-1)], -1)
+            np.stack([(intersection * u).sum(-1), (intersection * v).sum(-1)], -1)
             / (pitch * (1 + 1e-6 * self.of("imager.pitch_ppm")))[..., None]
         )
         return pixels + np.stack([self.of("imager.shift_x_px"), self.of("imager.shift_y_px")], -1)
@@ -222,32 +223,35 @@ def merits_of(evaluator, rays):
     )
     pixels, blur = rays.shown(field.targets, start)
     pixels = np.tensordot(NEAR, pixels, 1)
-    moved = (pixels - pixels[:1]).transpose(0, 2, 1).reshape(len(pixels), -1)
+    motion = (pixels - pixels[:1]).transpose(0, 2, 1).reshape(len(pixels), -1)
     x, y = field.offsets_px.T
     one, zero = np.ones_like(x), np.zeros_like(x)
     shifts = np.array([np.append(one, zero), np.append(zero, one)])
     affine = np.vstack([shifts, *([np.append(c, zero), np.append(zero, c)] for c in (x, y))])
     left = evaluator.compensators.left(
-        moved
+        motion
     )  # residuals of pose and mapping are compared with a full fit elsewhere
     for k, columns in ((1, shifts), (2, affine)):
-        left[k] = moved - (columns.T @ np.linalg.lstsq(columns.T, moved.T, rcond=None)[0]).T
-    found = {}
+        left[k] = motion - (columns.T @ np.linalg.lstsq(columns.T, motion.T, rcond=None)[0]).T
+    merits_by_name = {}
     for depth, vectors in zip(CALIBRATIONS, left, strict=True):
         px = np.stack(np.split(vectors, 2, axis=1), -1)
         deg = np.linalg.solve(field.px_per_deg, px[..., None])[..., 0]
         for name, of in (("motion{}_px", px), ("direction_error{}_deg", deg)):
             lengths = np.hypot(*np.moveaxis(of, -1, 0))
-            found[after(name.format("_rms"), depth)] = np.sqrt((lengths**2).mean(axis=1)), 0.05
-            found[after(name.format(""), depth)] = lengths.max(axis=1), 0.05
+            merits_by_name[after(name.format("_rms"), depth)] = (
+                np.sqrt((lengths**2).mean(axis=1)),
+                0.05,
+            )
+            merits_by_name[after(name.format(""), depth)] = lengths.max(axis=1), 0.05
     sizes = np.linalg.svd(blur, compute_uv=False)
-    found["blur_px"] = sizes[..., 0].max(axis=1), 1.0
+    merits_by_name["blur_px"] = sizes[..., 0].max(axis=1), 1.0
     square_px = np.sqrt(((sizes**2) + evaluator.floor_px2).prod(axis=-1))
-    found["floored_area_deg2"] = (
+    merits_by_name["floored_area_deg2"] = (
         (square_px / np.abs(np.linalg.det(field.px_per_deg))).max(axis=1),
         1.0,
     )
-    return found
+    return merits_by_name
 
 
 @pytest.mark.long
@@ -274,8 +278,8 @@ def test_derivatives_match_finite_rays(name, order):
         step = share * kind.typical_tolerances["medium"]
         rates = merit_rates(evaluator, error, step)
         assert set(rates) == set(merit_names()[:-1])
-        found = merits_of(evaluator, Rays(sensor, error, step * NODES))
-        for merit, (values, steps) in found.items():
+        merits = merits_of(evaluator, Rays(sensor, error, step * NODES))
+        for merit, (values, steps) in merits.items():
             near = steps * step
             first, second = AT_ZERO @ values / [near, near**2 / 2]
             if (name, merit) == ("paper-hyperboloidal", "blur_px"):
@@ -283,7 +287,7 @@ def test_derivatives_match_finite_rays(name, order):
             deep = merit.endswith(("pose", "radial"))
             if deep and error in POSE:
                 first = second = 0.0  # the residual of a pose is of third order
-            scale = np.ptp(found["motion_px" if deep else merit][0]) / (near * NODES[-1])
+            scale = np.ptp(merits["motion_px" if deep else merit][0]) / (near * NODES[-1])
             close = 1e-5 * scale + 1e-8 / step
             assert rates[merit].first == pytest.approx(first, rel=1e-5, abs=close), (error, merit)
             assert rates[merit].second == pytest.approx(second, rel=1e-5, abs=close / step), (

@@ -18,11 +18,14 @@ def test_motion_matches_a_sampled_profile(name):
     form = om.form_error(
         sensor.mirror, on(sensor.mirror, {11: 4.0, 22: -2.0}, 0.0, count=4000), order=2
     )
-    effect, made = om.form_effect(sensor, form), om.as_built(sensor, form)
+    effect, sensor_as_built = om.form_effect(sensor, form), om.as_built(sensor, form)
     objects = TrialEvaluator.of(sensor).field.targets @ sensor._axes.T
-    moved = made.project_directions(objects).pixels - sensor.project_directions(objects).pixels
+    motion = (
+        sensor_as_built.project_directions(objects).pixels
+        - sensor.project_directions(objects).pixels
+    )
     assert effect.as_built["motion_px"] > 0.03
-    assert effect.as_built["motion_px"] == pytest.approx(np.nanmax(np.hypot(*moved.T)), rel=0.03)
+    assert effect.as_built["motion_px"] == pytest.approx(np.nanmax(np.hypot(*motion.T)), rel=0.03)
     assert effect.nominal["motion_px"] < 1e-9
     assert effect.lost_rays == 0
 
@@ -31,10 +34,10 @@ def test_radial_calibration_compensates_symmetric_form_only():
     sensor = om.load_sensor("paper-hyperboloidal")
     left = {}
     for term in (11, 6):
-        made = om.form_effect(
+        merits = om.form_effect(
             sensor, om.form_error(sensor.mirror, on(sensor.mirror, {term: 2.0}, 0.0))
         ).as_built
-        left[term] = made["motion_px after radial"] / made["motion_px"]
+        left[term] = merits["motion_px after radial"] / merits["motion_px"]
     assert left[11] < 0.05
     assert left[6] > 0.2
 
@@ -52,10 +55,15 @@ def test_untraced_terms_are_reported():
 @pytest.mark.parametrize("name", ["paper-spherical", "folded-spherical", "paraboloid-telecentric"])
 def test_as_built_sensor_is_saved_and_loaded(name, tmp_path):
     sensor = om.load_sensor(name)
-    made = om.as_built(sensor, om.form_error(sensor.mirror, on(sensor.mirror, {11: 3.0}, 0.1)))
-    om.save_sensor(made, tmp_path / "made.toml")
-    again = om.load_sensor(tmp_path / "made.toml")
-    radii = [om.evaluate(each, np.linspace(40.0, 75.0, 9)).h_px for each in (sensor, made, again)]
+    sensor_as_built = om.as_built(
+        sensor, om.form_error(sensor.mirror, on(sensor.mirror, {11: 3.0}, 0.1))
+    )
+    om.save_sensor(sensor_as_built, tmp_path / "made.toml")
+    reloaded = om.load_sensor(tmp_path / "made.toml")
+    radii = [
+        om.evaluate(each, np.linspace(40.0, 75.0, 9)).h_px
+        for each in (sensor, sensor_as_built, reloaded)
+    ]
     np.testing.assert_allclose(radii[2], radii[1], rtol=1e-9)
     assert np.abs(radii[1] - radii[0]).max() > 0.02
 

@@ -38,14 +38,14 @@ def measured_points(tmp_path):
 def test_measured_form_is_a_constant_error(measured_points, tmp_path):
     (tmp_path / "t.toml").write_text('[[measured]]\nname = "lathe"\nfile = "cmm.csv"\n')
     plan = load_tolerances(tmp_path / "t.toml", SENSOR)
-    drawn = plan.tolerances.drawn(seed=0, block=0, count=50)
-    found = {int(name.split("_")[1]): of[0] for name, of in drawn.items()}
-    assert all((of == of[0]).all() for of in drawn.values())
-    assert found[6] == pytest.approx(2.0, abs=0.01)
-    assert found[64] == pytest.approx(-0.5, abs=0.01)
+    values = plan.tolerances.drawn(seed=0, block=0, count=50)
+    amplitudes = {int(name.split("_")[1]): of[0] for name, of in values.items()}
+    assert all((of == of[0]).all() for of in values.values())
+    assert amplitudes[6] == pytest.approx(2.0, abs=0.01)
+    assert amplitudes[64] == pytest.approx(-0.5, abs=0.01)
     # the motion equals that of a sensor whose file contains the form
     expected = TrialEvaluator.of(SENSOR).evaluate(
-        {f"mirror.zernike_{j}_um": np.array([um]) for j, um in found.items()}
+        {f"mirror.zernike_{j}_um": np.array([um]) for j, um in amplitudes.items()}
     )
     report = om.tolerance(SENSOR, plan, trials=50)
     assert report.statistics.mean("motion_px") == pytest.approx(expected[0, MOTION], rel=1e-6)
@@ -65,13 +65,13 @@ def test_random_figure_amplitudes_and_spectrum():
         assert {noll(j)[0] for j in sigmas} == set(range(3, 10))
         of_orders = {noll(j)[0]: sigma for j, sigma in sigmas.items()}
         assert of_orders[8] / of_orders[4] == pytest.approx(0.5)  # per octave, in amplitude
-        rng, found = np.random.default_rng(7), []
+        rng, spectra = np.random.default_rng(7), []
         for _ in range(60):
             form = MirrorForm(
                 tuple(sigmas), tuple(rng.normal() * sigma for sigma in sigmas.values())
             ).heights(RIM, xy)
             z, slope = 1e3 * form.z, 1e3 * np.hypot(form.gx, form.gy)
-            found.append(
+            spectra.append(
                 {
                     "rms_um": z.std(),
                     "peak_to_valley_um": np.ptp(z),
@@ -79,9 +79,9 @@ def test_random_figure_amplitudes_and_spectrum():
                 }
             )
         mean = (
-            np.sqrt(np.mean([f[name] ** 2 for f in found]))
+            np.sqrt(np.mean([f[name] ** 2 for f in spectra]))
             if name != "peak_to_valley_um"
-            else np.mean([f[name] for f in found])
+            else np.mean([f[name] for f in spectra])
         )
         assert mean == pytest.approx(size, rel=0.08)
 
@@ -90,14 +90,14 @@ def test_figure_table_defines_zernike_errors():
     text = '[[error]]\nname = "lens.k1"\ntolerance = 0.01\n[[figure]]\nrms_um = 0.3\norders = [7, 9]\ncost = 2.0\n'
     plan = parse_tolerances(text, SENSOR)
     assert len(plan.tolerances.errors) == 1 + 8 + 9 + 10
-    drawn = plan.tolerances.drawn(seed=1, block=0)
-    power = sum(np.mean(of**2) for name, of in drawn.items() if "zernike" in name)
+    values = plan.tolerances.drawn(seed=1, block=0)
+    power = sum(np.mean(of**2) for name, of in values.items() if "zernike" in name)
     assert np.sqrt(power) == pytest.approx(0.3, rel=0.02)
     assert plan.costs["mirror.zernike_40_um"] == 2.0
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("[[figure]]\norders = [3, 40]\nrms_um = 1.0", "orders must be between 2 and 12"),
         ("[[figure]]\norders = [3, 5]", "one of rms_um, peak_to_valley_um and slope_mrad"),
@@ -115,8 +115,8 @@ def test_figure_table_defines_zernike_errors():
         ),
     ],
 )
-def test_invalid_tables_are_rejected(text, words):
-    with pytest.raises(SpecError, match=words):
+def test_invalid_tables_are_rejected(text, message):
+    with pytest.raises(SpecError, match=message):
         parse_tolerances(text, SENSOR)
 
 

@@ -106,10 +106,10 @@ def test_pose_calibration_compensates_decentre_of_a_sphere(sensor, evaluator):
 
 def test_trials_are_reproducible(sensor):
     tolerances = of(sensor, {"mirror.tilt_x_deg": 0.1, "lens.k1": 0.01})
-    first, again = tolerances.drawn(5, 7, 100), tolerances.drawn(5, 7, BLOCK)
+    first, second = tolerances.drawn(5, 7, 100), tolerances.drawn(5, 7, BLOCK)
     other = tolerances.drawn(5, 8, 100)
     for name, values in first.items():
-        assert (values == again[name][:100]).all()
+        assert (values == second[name][:100]).all()
         assert not np.isclose(values, other[name]).any()
 
 
@@ -131,8 +131,8 @@ def test_quantiles_of_distributions(name):
 def test_correlations(sensor):
     pair = ("mirror.tilt_x_deg", "mirror.decentre_y_mm")
     values = of(sensor, dict.fromkeys(pair, 1.0), {pair: -0.7}).drawn(0, 0)
-    found = np.corrcoef(values[pair[0]], values[pair[1]])[0, 1]
-    assert found == pytest.approx(-0.7, abs=0.02)
+    correlation = np.corrcoef(values[pair[0]], values[pair[1]])[0, 1]
+    assert correlation == pytest.approx(-0.7, abs=0.02)
 
 
 def test_histogram_quantiles():
@@ -152,10 +152,10 @@ def test_histogram_quantiles():
 
 
 @pytest.mark.parametrize(
-    ("name", "kept"), [("min aspect", [False, True, True]), ("blur_px", [True, True, False])]
+    ("name", "expected"), [("min aspect", [False, True, True]), ("blur_px", [True, True, False])]
 )
-def test_limit_is_inclusive(name, kept):
-    assert satisfies_limit(np.array([1.0, 2.0, 3.0]), name, 2.0).tolist() == kept
+def test_limit_is_inclusive(name, expected):
+    assert satisfies_limit(np.array([1.0, 2.0, 3.0]), name, 2.0).tolist() == expected
 
 
 def test_values_beyond_the_histogram_range():
@@ -167,8 +167,8 @@ def test_values_beyond_the_histogram_range():
 
 
 def test_curve_without_valid_trials_is_empty():
-    lost = np.ones((3, len(merit_names())))
-    for merits in (lost[:0], lost):
+    invalid = np.ones((3, len(merit_names())))
+    for merits in (invalid[:0], invalid):
         statistics = YieldStatistics({})
         statistics.add(merits)
         assert [part.size for part in statistics.curve("blur_px")] == [0, 0]
@@ -198,8 +198,8 @@ def test_quantiles_are_accurate_to_a_quarter_percent(merit, limit):
     if merit.startswith("min"):
         ordered = ordered[::-1]
     for k in (0, 1, 7, 100, 200, 333, 398):
-        found = statistics.quantile(merit, (k + 0.5) / 400)
-        assert abs(found - ordered[k]) <= 2.3e-3 * abs(ordered[k] - origin)
+        quantile = statistics.quantile(merit, (k + 0.5) / 400)
+        assert abs(quantile - ordered[k]) <= 2.3e-3 * abs(ordered[k] - origin)
     edges, shares = statistics.curve(merit)
     assert (np.diff(edges) >= 0).all()
     assert (shares[0], shares[-1]) == (1 / 400, 1.0)
@@ -214,8 +214,8 @@ def test_values_next_to_the_origin_count_as_the_origin():
     for value, expected in ((0.0, 0.0), (9e-10, 0.0), (-9e-10, 0.0), (2e-9, 2e-9), (-2e-9, -2e-9)):
         statistics = YieldStatistics({}, ("blur_px", "lost"))
         statistics.add(np.array([[value, 0.0]]))
-        found = statistics.quantile("blur_px", 0.5)
-        assert found == 0.0 if expected == 0 else found == pytest.approx(expected, rel=2.3e-3)
+        quantile = statistics.quantile("blur_px", 0.5)
+        assert quantile == 0.0 if expected == 0 else quantile == pytest.approx(expected, rel=2.3e-3)
     for sign in (1.0, -1.0):
         statistics = YieldStatistics({}, ("blur_px", "lost"))
         statistics.add(np.array([[sign * 1e12, 0.0]]))
@@ -225,12 +225,12 @@ def test_values_next_to_the_origin_count_as_the_origin():
 def test_lost_trials_count_in_quantiles_curves_and_yields():
     """Of 10 trials, 2 lose rays; limits on both merits."""
     blur, aspect = np.arange(1.0, 11.0), np.arange(10.0, 0.0, -1.0)
-    lost = np.zeros(10)
-    lost[[8, 9]] = 3.0
+    loss = np.zeros(10)
+    loss[[8, 9]] = 3.0
     limits = {"blur_px": 6.0, "min aspect": 7.0}
     statistics = YieldStatistics(limits, ("blur_px", "min aspect", "lost"))
     for part in (slice(0, 4), slice(4, 10)):
-        statistics.add(np.column_stack([blur, aspect, lost])[part])
+        statistics.add(np.column_stack([blur, aspect, loss])[part])
     assert (statistics.trials, statistics.lost, statistics.passed) == (10, 2, 4)
     assert statistics.passed_each == {"blur_px": 6, "min aspect": 4}
     assert statistics.yields == clopper_pearson(4, 10)
@@ -258,13 +258,13 @@ def test_trials_are_evaluated_in_blocks():
             return np.column_stack([1.0 + errors["lens.k1"], 0 * errors["lens.k1"]])
 
     count = 2 * BLOCK + 5
-    found = simulate_trials(
+    statistics = simulate_trials(
         Blocks(), Plan(), {"blur_px": 2.0}, trials=count, seed=7,
         on_progress=lambda *done: progress.append(done),
     )  # fmt: skip
     assert calls == [(7, 0, BLOCK), (7, 1, BLOCK), (7, 2, 5)]
     assert progress == [(BLOCK, count), (2 * BLOCK, count), (count, count)]
-    assert (found.trials, found.passed) == (count, 2 * BLOCK)
+    assert (statistics.trials, statistics.passed) == (count, 2 * BLOCK)
     calls.clear()
     assert simulate_trials(Blocks(), Plan(), {}).trials == 10_000
     assert {seed for seed, *_ in calls} == {0}
@@ -289,16 +289,16 @@ def test_small_motions_are_displayed_as_a_bound(px, text):
 def test_confidence_interval_by_the_binomial_distribution(trials):
     """Each end is exceeded by 2.5 % of experiments; one is 0 or 1 if no or all trials pass."""
     for passed in {0, 1, trials // 2, trials - 1, trials}:
-        found = clopper_pearson(passed, trials)
-        assert found.value == passed / trials
+        interval = clopper_pearson(passed, trials)
+        assert interval.value == passed / trials
         if passed:
-            assert stats.binom.sf(passed - 1, trials, found.low) == pytest.approx(0.025)
+            assert stats.binom.sf(passed - 1, trials, interval.low) == pytest.approx(0.025)
         else:
-            assert found.low == 0.0
+            assert interval.low == 0.0
         if passed < trials:
-            assert stats.binom.cdf(passed, trials, found.high) == pytest.approx(0.025)
+            assert stats.binom.cdf(passed, trials, interval.high) == pytest.approx(0.025)
         else:
-            assert found.high == 1.0
+            assert interval.high == 1.0
 
 
 def test_confidence_interval_coverage():
@@ -314,7 +314,7 @@ def test_confidence_interval_coverage():
 def test_allocation_matches_the_analytic_minimum(sensor, evaluator):
     """Shifts with costs 8 and 1: the yield is an integral, and the minimum depends on one ratio."""
     costs = {"imager.shift_x_px": 8.0, "imager.shift_y_px": 1.0}
-    found = allocate(
+    allocation = allocate(
         evaluator, of(sensor, dict.fromkeys(SHIFTS, 2.0)), {"motion_px": 2.0}, 0.9, costs=costs
     )
 
@@ -334,9 +334,9 @@ def test_allocation_matches_the_analytic_minimum(sensor, evaluator):
         return 8 * 1 / size + 1 / (size * ratio)  # sigmas of 1 are requested
 
     best = minimize_scalar(cost, bounds=(-1.5, 0), method="bounded", options={"xatol": 1e-3})
-    assert found.cost == pytest.approx(best.fun, rel=0.03)
-    assert found.confirmed_yield.low - 0.005 < 0.9 < found.confirmed_yield.high + 0.005
-    assert found.cost < found.uniform_cost
+    assert allocation.cost == pytest.approx(best.fun, rel=0.03)
+    assert allocation.confirmed_yield.low - 0.005 < 0.9 < allocation.confirmed_yield.high + 0.005
+    assert allocation.cost < allocation.uniform_cost
 
 
 @pytest.mark.full
@@ -345,7 +345,7 @@ def test_allocation_respects_maximum_tolerances(sensor, evaluator):
     grade or of the file.
     """
     errors = {"imager.shift_x_px": 2.0, "lens.k3": 1e-4, "lens.k2": 1e-4}
-    found = allocate(
+    allocation = allocate(
         evaluator,
         of(sensor, errors),
         {"motion_px": 2.0},
@@ -353,14 +353,14 @@ def test_allocation_respects_maximum_tolerances(sensor, evaluator):
         max_tolerances={"lens.k2": 3e-4},
         trials=2000,
     )
-    assert set(found.at_maximum) == {"lens.k2", "lens.k3"}
-    assert found.tolerances["lens.k2"] == pytest.approx(3e-4)
-    assert found.tolerances["lens.k3"] == pytest.approx(0.02)
-    assert found.confirmed_yield.low - 0.01 < 0.9 < found.confirmed_yield.high + 0.01
+    assert set(allocation.at_maximum) == {"lens.k2", "lens.k3"}
+    assert allocation.tolerances["lens.k2"] == pytest.approx(3e-4)
+    assert allocation.tolerances["lens.k3"] == pytest.approx(0.02)
+    assert allocation.confirmed_yield.low - 0.01 < 0.9 < allocation.confirmed_yield.high + 0.01
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "message"),
     [
         (lambda s, j: simulate_trials(j, of(s, {"lens.k1": 0.1}), {"blurr_px": 1.0}), "blurr_px"),
         (
@@ -398,13 +398,13 @@ def test_allocation_respects_maximum_tolerances(sensor, evaluator):
         ),
     ],
 )
-def test_invalid_arguments_are_rejected(sensor, evaluator, call, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_invalid_arguments_are_rejected(sensor, evaluator, call, message):
+    with pytest.raises(InvalidParameter, match=message):
         call(sensor, evaluator)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         (
             "[[error]]\nname = 'mirror.tilt_z_deg'\ntolerance = 1",
@@ -428,8 +428,8 @@ def test_invalid_arguments_are_rejected(sensor, evaluator, call, words):
         ("", "at least one error"),
     ],
 )
-def test_invalid_files_are_rejected_with_line(sensor, text, words):
-    with pytest.raises(SpecError, match=words):
+def test_invalid_files_are_rejected_with_line(sensor, text, message):
+    with pytest.raises(SpecError, match=message):
         parse_tolerances(text, sensor)
 
 
@@ -440,7 +440,7 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
         run(app, ["tolerance", "init", "paper-hyperboloidal"], catch_exceptions=False).exit_code
         == 0
     )
-    words = [
+    arguments = [
         "tolerance",
         "paper-hyperboloidal",
         "tolerances.toml",
@@ -450,14 +450,18 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
         "analysis.seed=4",
     ]
     merit = ["--merit", "motion_px after affine=2.5"]
-    result = run(app, [*words, *merit, "--json", "a.json", "-o", "charts"], catch_exceptions=False)
+    result = run(
+        app, [*arguments, *merit, "--json", "a.json", "-o", "charts"], catch_exceptions=False
+    )
     assert result.exit_code == 0
     numbers = json.loads((tmp_path / "a.json").read_text())
     sensor = om.load_sensor("paper-hyperboloidal")
     plan = om.load_tolerances("tolerances.toml", sensor)
-    found = om.tolerance(sensor, plan, limits={"motion_px after affine": 2.5}, trials=500, seed=4)
+    analysis = om.tolerance(
+        sensor, plan, limits={"motion_px after affine": 2.5}, trials=500, seed=4
+    )
     assert 0.05 < numbers["yield"] < 0.95
-    assert numbers["yield"] == found.statistics.yields.value
+    assert numbers["yield"] == analysis.statistics.yields.value
     assert {
         "trials",
         "yield",
@@ -472,7 +476,7 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "message"),
     [
         (["paper-spherical"], "tolerance init paper-spherical"),
         (
@@ -502,9 +506,9 @@ def test_command_and_python_agree(tmp_path, monkeypatch):
         ),
     ],
 )
-def test_invalid_command_prints_one_message(tmp_path, monkeypatch, words, sentence):
+def test_invalid_command_prints_one_message(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "t.toml").write_text("[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n")
-    result = CliRunner().invoke(app, ["tolerance", *words])
+    result = CliRunner().invoke(app, ["tolerance", *arguments])
     assert result.exit_code != 0
-    assert sentence in str(result.exception) + result.output
+    assert message in str(result.exception) + result.output

@@ -38,7 +38,7 @@ OTHERS = {
     "two mirrors": om.load_sensor("folded-hyperboloidal"),
 }
 NO_ERRORS = {"imager.shift_x_px": np.zeros(1)}
-OUT_OF_PLACE = {
+MISALIGNED = {
     "mirror.decentre_x_mm": 0.1,
     "mirror.tilt_x_deg": 0.15,
     "lens.focal_length_mm": 0.05,
@@ -74,13 +74,13 @@ def test_nominal_values_match_the_design_evaluation(kind):
     sensor = OTHERS[kind] if kind in OTHERS else om.load_sensor(kind)
     names = list(names_of_all(sensor))
     low = max(PART[0], sensor.clear_field_deg[0] + 1)
-    found = required(sensor, names, NO_ERRORS, field_deg=(low, PART[1]), angles=4, azimuths=5)
+    merits = required(sensor, names, NO_ERRORS, field_deg=(low, PART[1]), angles=4, azimuths=5)
     field = values_of_evaluation(om.evaluate(sensor, np.linspace(low, PART[1], 4)))
     for name in names:
         merit = named(name)
         values = merit.limit(1.0).of.values(field)
         expected = values.min() if merit.is_lower_limit else values.max()
-        assert found[name] == pytest.approx(
+        assert merits[name] == pytest.approx(
             expected, rel=2e-3 if kind in OTHERS else 1e-6, abs=2e-3
         ), name
 
@@ -88,34 +88,34 @@ def test_nominal_values_match_the_design_evaluation(kind):
 @pytest.mark.parametrize("kind", SENSORS)
 def test_resolution_matches_the_perturbed_sensor(kind):
     sensor = om.load_sensor(kind)
-    built, field, step = perturbed(sensor, OUT_OF_PLACE), field_of(sensor), 1e-3
-    _, turned = directions_of(field.omega_deg, field.azimuth_deg)
-    view, _ = vectorised_views(field, columns(OUT_OF_PLACE), "none")
-    for k, found in enumerate((view.values.dh[0], view.values.dw[0])):
+    built, field, step = perturbed(sensor, MISALIGNED), field_of(sensor), 1e-3
+    _, perpendiculars = directions_of(field.omega_deg, field.azimuth_deg)
+    view, _ = vectorised_views(field, columns(MISALIGNED), "none")
+    for k, resolution in enumerate((view.values.dh[0], view.values.dw[0])):
         ends = []
         for sign in (1, -1):
-            moved = field.targets + sign * np.radians(step) * turned[..., k]
-            ends.append(built.project_directions(moved @ sensor._axes.T).pixels)
+            directions = field.targets + sign * np.radians(step) * perpendiculars[..., k]
+            ends.append(built.project_directions(directions @ sensor._axes.T).pixels)
         np.testing.assert_allclose(
-            found, np.linalg.norm(ends[0] - ends[1], axis=1) / (2 * step), rtol=1e-6
+            resolution, np.linalg.norm(ends[0] - ends[1], axis=1) / (2 * step), rtol=1e-6
         )
 
 
 @pytest.mark.parametrize("kind", SENSORS)
 def test_viewpoints_match_the_perturbed_sensor(kind):
     sensor = om.load_sensor(kind)
-    built, field = perturbed(sensor, OUT_OF_PLACE), field_of(sensor)
+    built, field = perturbed(sensor, MISALIGNED), field_of(sensor)
     pixels = built.project_directions(field.targets @ sensor._axes.T).pixels
     rays = built.backproject(pixels)
     origins, directions = rays.origins @ sensor._axes, rays.directions @ sensor._axes
-    view, _ = vectorised_views(field, columns(OUT_OF_PLACE), "none")
+    view, _ = vectorised_views(field, columns(MISALIGNED), "none")
 
     def miss(point):
         return np.linalg.norm(np.cross(directions, point - origins), axis=1)
 
-    here = (miss(view.viewpoint[0]) ** 2).sum()
+    distance_sum = (miss(view.viewpoint[0]) ** 2).sum()
     for step in 1e-3 * np.vstack([np.eye(3), -np.eye(3)]):
-        assert (miss(view.viewpoint[0] + step) ** 2).sum() > here
+        assert (miss(view.viewpoint[0] + step) ** 2).sum() > distance_sum
     for k in (1, 40, 96):  # height at which a ray is closest to the axis through that point
         heights = view.viewpoint[0, 2] + np.linspace(-80, 80, 160_001)
         axis = np.stack(
@@ -126,16 +126,16 @@ def test_viewpoints_match_the_perturbed_sensor(kind):
 
 
 def test_single_viewpoint_is_preserved():
-    found = required(
+    merits = required(
         om.load_sensor("paper-hyperboloidal"),
         ("viewpoint_spread_mm", "viewpoint_shift_mm"),
         NO_ERRORS,
     )
-    assert found["viewpoint_spread_mm"] < 1e-6
-    assert found["viewpoint_shift_mm"] < 1e-9
-    moved = columns({"mirror.decentre_x_mm": 0.2})
+    assert merits["viewpoint_spread_mm"] < 1e-6
+    assert merits["viewpoint_shift_mm"] < 1e-9
+    perturbed = columns({"mirror.decentre_x_mm": 0.2})
     assert (
-        required(om.load_sensor("paper-hyperboloidal"), ("viewpoint_spread_mm",), moved)[
+        required(om.load_sensor("paper-hyperboloidal"), ("viewpoint_spread_mm",), perturbed)[
             "viewpoint_spread_mm"
         ]
         > 0.1
@@ -145,29 +145,29 @@ def test_single_viewpoint_is_preserved():
 @pytest.mark.parametrize("kind", SENSORS)
 def test_vectorised_and_sequential_rims_agree(kind):
     sensor = om.load_sensor(kind)
-    values = columns(OUT_OF_PLACE | {"imager.shift_x_px": 8.0})
+    values = columns(MISALIGNED | {"imager.shift_x_px": 8.0})
     _, vergence = vectorised_views(field_of(sensor), values, "none")
-    found = vectorised_rims(sensor, values, vergence)
-    again = sequential_rims(sensor, values, np.array([sensor.lens.focus_distance_mm]))
-    assert found.reach_px.max() == pytest.approx(again.reach_px.max(), abs=0.01)
-    assert found.field_to_deg.min() == pytest.approx(again.field_to_deg.min(), abs=0.01)
-    assert np.ptp(found.reach_px) > 10.0
+    vectorised = vectorised_rims(sensor, values, vergence)
+    sequential = sequential_rims(sensor, values, np.array([sensor.lens.focus_distance_mm]))
+    assert vectorised.reach_px.max() == pytest.approx(sequential.reach_px.max(), abs=0.01)
+    assert vectorised.field_to_deg.min() == pytest.approx(sequential.field_to_deg.min(), abs=0.01)
+    assert np.ptp(vectorised.reach_px) > 10.0
 
 
 @pytest.mark.parametrize("kind", ["paper-spherical", "paper-hyperboloidal"])
 def test_vectorised_and_sequential_views_agree(kind):
     sensor = om.load_sensor(kind)
-    field, values = field_of(sensor, angles=3, azimuths=5), columns(OUT_OF_PLACE)
-    (view, _), (again, _) = (
+    field, values = field_of(sensor, angles=3, azimuths=5), columns(MISALIGNED)
+    (view, _), (sequential, _) = (
         vectorised_views(field, values, "none"),
         sequential_views(field, values, "none"),
     )
     for name, of in view.values._asdict().items():
-        other = getattr(again.values, name)
+        other = getattr(sequential.values, name)
         assert np.shape(of) == np.shape(other), name
         if name != "image_distance":
             np.testing.assert_allclose(other, of, rtol=1e-4, atol=1e-4, err_msg=name)
-    np.testing.assert_allclose(again.viewpoint, view.viewpoint, atol=1e-5)
+    np.testing.assert_allclose(sequential.viewpoint, view.viewpoint, atol=1e-5)
 
 
 @pytest.mark.parametrize("kind", SENSORS)
@@ -176,26 +176,26 @@ def test_straightness_matches_back_projection(kind):
     one.
     """
     sensor = om.load_sensor(kind)
-    values = {name: 0.1 * value for name, value in OUT_OF_PLACE.items()}
-    found = required(sensor, ("straightness_deg",), columns(values))["straightness_deg"]
+    values = {name: 0.1 * value for name, value in MISALIGNED.items()}
+    straightness_deg = required(sensor, ("straightness_deg",), columns(values))["straightness_deg"]
     field = field_of(sensor)
     omega, azimuth, _ = lines_over(field.omega_deg.min(), field.omega_deg.max())
     towards, _ = directions_of(omega.ravel(), azimuth.ravel())
     lines = towards.reshape(-1, LINE_POINTS, 3)
     assert np.linalg.svd(lines, compute_uv=False)[:, 2].max() < 1e-12  # great circles
     pixels = perturbed(sensor, values).project_directions(towards @ sensor._axes.T).pixels
-    seen = (sensor.backproject(pixels).directions @ sensor._axes).reshape(lines.shape)
-    planes = np.linalg.svd(seen)[2][:, 2]
-    crooked = np.degrees(np.arcsin(np.abs(np.einsum("lpi,li->lp", seen, planes)))).max()
-    assert found == pytest.approx(crooked, rel=0.02)
-    assert found > 1e-3
+    directions = (sensor.backproject(pixels).directions @ sensor._axes).reshape(lines.shape)
+    planes = np.linalg.svd(directions)[2][:, 2]
+    crooked = np.degrees(np.arcsin(np.abs(np.einsum("lpi,li->lp", directions, planes)))).max()
+    assert straightness_deg == pytest.approx(crooked, rel=0.02)
+    assert straightness_deg > 1e-3
 
 
 def test_calibration_restores_straight_lines():
     names = ("straightness_deg", "straightness_deg after pose")
-    found = required(SPH, names, columns({"mirror.decentre_x_mm": 0.2}))
-    assert found["straightness_deg"] > 0.1
-    assert found["straightness_deg after pose"] < 1e-6
+    merits = required(SPH, names, columns({"mirror.decentre_x_mm": 0.2}))
+    assert merits["straightness_deg"] > 0.1
+    assert merits["straightness_deg after pose"] < 1e-6
 
 
 @pytest.mark.parametrize("error", ["mirror.decentre_x_mm", "mirror.zernike_5_um", "lens.k1"])
@@ -225,8 +225,8 @@ def test_derivatives_match_small_errors(error):
 def test_obscurations_match_the_sensor():
     sensor = replace(SPH, housing=Housing(rod=Rod(4.0)))
     values = columns({"mirror.displacement_mm": 1.0})
-    found = required(sensor, ("obscured_percent",), values)["obscured_percent"]
-    assert found == pytest.approx(
+    obscured_percent = required(sensor, ("obscured_percent",), values)["obscured_percent"]
+    assert obscured_percent == pytest.approx(
         perturbed(sensor, {"mirror.displacement_mm": 1.0}).aligned().obscured_percent
     )
 
@@ -238,14 +238,14 @@ def test_yield_of_a_resolution_limit():
     nominal = required(SPH, ("min resolution_px_per_deg",), NO_ERRORS)["min resolution_px_per_deg"]
     tolerances = om.Tolerances(SPH, {"lens.focal_length_mm": om.Tolerance(0.1)})
     limit = om.Limit("resolution_px_per_deg", at_least=nominal)
-    found = om.tolerance(SPH, tolerances, limits=[limit], trials=2000)
-    assert found.statistics.yields.low < 0.5 < found.statistics.yields.high
-    data = found.to_dict()
+    analysis = om.tolerance(SPH, tolerances, limits=[limit], trials=2000)
+    assert analysis.statistics.yields.low < 0.5 < analysis.statistics.yields.high
+    data = analysis.to_dict()
     assert data["limits"][0]["at_least"] == nominal
     (row,) = data["sensitivities"]
     assert row["max_tolerance"]["min resolution_px_per_deg"] == 0.0
-    low = found.statistics.quantile("min resolution_px_per_deg", 0.95)
-    assert low < nominal < found.statistics.quantile("min resolution_px_per_deg", 0.05)
+    low = analysis.statistics.quantile("min resolution_px_per_deg", 0.95)
+    assert low < nominal < analysis.statistics.quantile("min resolution_px_per_deg", 0.05)
 
 
 def test_quantiles_of_nearly_constant_merits():
@@ -261,8 +261,8 @@ def test_quantiles_of_nearly_constant_merits():
         assert statistics.quantile("min field_to_deg", share) == pytest.approx(
             np.quantile(values, 1 - share), abs=2e-4
         )
-    found, shares = statistics.curve("min field_to_deg")
-    assert np.interp(np.median(values), found, shares) == pytest.approx(0.5, abs=0.02)
+    curve, shares = statistics.curve("min field_to_deg")
+    assert np.interp(np.median(values), curve, shares) == pytest.approx(0.5, abs=0.02)
     assert statistics.yields.value == pytest.approx((values >= 134.99).mean(), abs=0.01)
 
 
@@ -294,7 +294,7 @@ def test_limits_have_the_format_of_requirement_files(table, limits):
 
 
 @pytest.mark.parametrize(
-    ("table", "words"),
+    ("table", "message"),
     [
         ('quantity = "motion_px"', "line 4: limit of motion_px requires at_most or at_least"),
         (
@@ -316,8 +316,8 @@ def test_limits_have_the_format_of_requirement_files(table, limits):
         ('quantity = "nonsense"\nat_most = 1', "'nonsense' is not a merit of trials"),
     ],
 )
-def test_invalid_limits_are_rejected(table, words):
-    with pytest.raises(SpecError, match=re.escape(words)):
+def test_invalid_limits_are_rejected(table, message):
+    with pytest.raises(SpecError, match=re.escape(message)):
         parse_tolerances(FILE + table, SPH)
 
 

@@ -46,13 +46,13 @@ def warm(name):
     )
 
 
-def drawn(sensor, count, seed=0, share=1.0):
+def random_errors(sensor, count, seed=0, share=1.0):
     """Draw all errors of a sensor at the medium grade, with every fifth Zernike term."""
-    rng, known = np.random.default_rng(seed), error_sources(sensor)
-    kept = [name for name in known if "zernike" not in name or rng.random() < 0.2]
+    rng, sources = np.random.default_rng(seed), error_sources(sensor)
+    names = [name for name in sources if "zernike" not in name or rng.random() < 0.2]
     return {
-        name: share * rng.normal(size=count) * known[name].typical_tolerances["medium"]
-        for name in kept
+        name: share * rng.normal(size=count) * sources[name].typical_tolerances["medium"]
+        for name in names
     }
 
 
@@ -63,16 +63,20 @@ def one(values, k=0):
 @pytest.mark.parametrize("name", SENSORS)
 def test_saved_trial_reproduces_its_images(name, tmp_path):
     sensor = warm(name)
-    values = drawn(sensor, 1, seed=3)
+    values = random_errors(sensor, 1, seed=3)
     assert {"imager.tilt_x_deg", "imager.rotation_deg", "temperature.warmer_k"} < set(values)
     om.save_sensor(perturbed(sensor, one(values)), tmp_path / "built.toml")
     built, field = om.load_sensor(tmp_path / "built.toml"), field_of(sensor)
-    found = built.project_directions(field.targets @ sensor._axes.T)
-    shown = field.images(values).offsets_px[0] + sensor.imager.centre
-    assert found.valid.sum() > 80
-    np.testing.assert_allclose(found.pixels[found.valid], shown[found.valid], atol=1e-8)
-    rays = built.backproject(found.pixels[found.valid])
-    towards = np.einsum("ni,ni->n", rays.directions, (field.targets @ sensor._axes.T)[found.valid])
+    projection = built.project_directions(field.targets @ sensor._axes.T)
+    pixels = field.images(values).offsets_px[0] + sensor.imager.centre
+    assert projection.valid.sum() > 80
+    np.testing.assert_allclose(
+        projection.pixels[projection.valid], pixels[projection.valid], atol=1e-8
+    )
+    rays = built.backproject(projection.pixels[projection.valid])
+    towards = np.einsum(
+        "ni,ni->n", rays.directions, (field.targets @ sensor._axes.T)[projection.valid]
+    )
     assert rays.valid.all()
     np.testing.assert_allclose(towards, 1.0, atol=1e-13)
 
@@ -84,25 +88,25 @@ def test_sequential_and_vectorised_trials_agree(name, refocus):
     path.
     """
     sensor = warm(name)
-    values = drawn(sensor, 2, seed=2)
+    values = random_errors(sensor, 2, seed=2)
     if (
         refocus != "none"
     ):  # in this case, points of a tilted imager are focused together with its centre, to 0.02 px
         values["imager.tilt_x_deg"] = values["imager.tilt_y_deg"] = np.zeros(2)
     field = field_of(sensor, angles=4, azimuths=7)
-    shown, lost, focus = field.images_and_focus(values, refocus=refocus)
-    again, lost_again, focus_again = sequential_images(
+    images, invalid, focus = field.images_and_focus(values, refocus=refocus)
+    sequential, invalid_sequential, focus_sequential = sequential_images(
         sensor, values, 2, RayEndpoints(field.targets, field.distant), refocus=refocus
     )
-    assert not lost.any()
-    assert not lost_again.any()
+    assert not invalid.any()
+    assert not invalid_sequential.any()
     close = 1e-4 if refocus == "worst" else 2e-5
     np.testing.assert_allclose(
-        again.offsets_px, shown.offsets_px, atol=1e-9 if refocus == "none" else close
+        sequential.offsets_px, images.offsets_px, atol=1e-9 if refocus == "none" else close
     )
-    signs = np.sign((again.blur_px * shown.blur_px).sum(axis=(-2, -1)))[..., None, None]
-    np.testing.assert_allclose(again.blur_px * signs, shown.blur_px, atol=close)
-    np.testing.assert_allclose(focus_again, focus, rtol=1e-6 if refocus != "worst" else 1e-5)
+    signs = np.sign((sequential.blur_px * images.blur_px).sum(axis=(-2, -1)))[..., None, None]
+    np.testing.assert_allclose(sequential.blur_px * signs, images.blur_px, atol=close)
+    np.testing.assert_allclose(focus_sequential, focus, rtol=1e-6 if refocus != "worst" else 1e-5)
 
 
 def test_blur_on_a_tilted_imager_matches_a_thin_lens():
@@ -112,18 +116,21 @@ def test_blur_on_a_tilted_imager_matches_a_thin_lens():
     blur = field.images(values).blur_px[0]
     plane = ImagerPose(1.5, -0.7)._plane()
     targets, small = RayEndpoints(field.targets, True), 0.01
-    places = []
+    hits = []
     for pupil in small * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]):
-        found = SPH.optical_train.posed_mirror.specular(
+        reflection = SPH.optical_train.posed_mirror.specular(
             SPH.optical_train.entrance_pupil_points(pupil[None]), targets
         )
-        slope, p = found.to_pupils[:, :2] / found.to_pupils[:, 2:], lens.aperture_radius * pupil
+        slope, p = (
+            reflection.to_pupils[:, :2] / reflection.to_pupils[:, 2:],
+            lens.aperture_radius * pupil,
+        )
         # (b (a + p/f) - p) = plane[:2] e,  b = b0 + plane[2] e
         straight = slope + p / lens.focal_length_mm
         system = plane[:2] - straight[:, :, None] * plane[2]
         right = lens.image_distance * straight - p
-        places.append(np.linalg.solve(system, right[..., None])[..., 0] / SPH.imager.pitch_mm)
-    expected = np.stack([places[0] - places[1], places[2] - places[3]], axis=-1) / small
+        hits.append(np.linalg.solve(system, right[..., None])[..., 0] / SPH.imager.pitch_mm)
+    expected = np.stack([hits[0] - hits[1], hits[2] - hits[3]], axis=-1) / small
     np.testing.assert_allclose(np.abs(blur), np.abs(expected), atol=2e-4)
     square = field.images({}, 1).blur_px[0]
     assert np.abs(blur - square).max() > 1.0  # different from that of a square one
@@ -133,17 +140,19 @@ def test_blur_on_a_tilted_imager_matches_a_thin_lens():
 def test_other_sensors_match_forward_projection(kind):
     sensor = OTHERS[kind]
     assert not is_vectorised(sensor)
-    values = drawn(sensor, 1, seed=5, share=0.5)
+    values = random_errors(sensor, 1, seed=5, share=0.5)
     low, high = sensor.clear_field_deg
     field = field_of(
         sensor, field_deg=(low + 0.1 * (high - low), low + 0.9 * (high - low)), angles=3, azimuths=5
     )
-    shown, lost, _ = field.images_and_focus(values)
+    images, invalid, _ = field.images_and_focus(values)
     built = perturbed(sensor, one(values))
-    found = built.project_directions(field.targets @ sensor._axes.T)
-    assert found.valid.all()
-    assert not lost.any()
-    np.testing.assert_allclose(found.pixels, shown.offsets_px[0] + sensor.imager.centre, atol=1e-7)
+    projection = built.project_directions(field.targets @ sensor._axes.T)
+    assert projection.valid.all()
+    assert not invalid.any()
+    np.testing.assert_allclose(
+        projection.pixels, images.offsets_px[0] + sensor.imager.centre, atol=1e-7
+    )
     nominal = om.evaluate(sensor, omega_deg=field.omega_deg[::5])
     plain = field.images({}, 1).blur_px[0, ::5]
     worst = np.maximum(np.abs(nominal.blur_t_px), np.abs(nominal.blur_s_px))
@@ -163,17 +172,17 @@ def test_other_sensors_match_forward_projection(kind):
 )
 def test_tolerance_analysis_of_other_sensors(kind):
     sensor = OTHERS[kind]
-    known = error_sources(sensor)
-    names = [name for name in known if "zernike" not in name and "tilt" not in name][::6]
+    sources = error_sources(sensor)
+    names = [name for name in sources if "zernike" not in name and "tilt" not in name][::6]
     tolerances = om.Tolerances(
-        sensor, {name: om.Tolerance(known[name].typical_tolerances["medium"]) for name in names}
+        sensor, {name: om.Tolerance(sources[name].typical_tolerances["medium"]) for name in names}
     )
     plan = om.TolerancePlan(
         tolerances, {"motion_px after affine": 5.0}, objects={"angles": 2, "azimuths": 3}
     )
-    found = om.tolerance(sensor, plan, trials=20, seed=1)
-    assert found.statistics.trials == 20
-    assert found.statistics.quantile("motion_px", 0.95) > found.statistics.quantile(
+    analysis = om.tolerance(sensor, plan, trials=20, seed=1)
+    assert analysis.statistics.trials == 20
+    assert analysis.statistics.quantile("motion_px", 0.95) > analysis.statistics.quantile(
         "motion_px after affine", 0.95
     )
 
@@ -199,21 +208,21 @@ def test_perturbed_folded_sensor_keeps_the_field():
     with pytest.raises(SelfObstruction, match="the secondary must image the mirror up to its rim"):
         _ = perturbed(sensor, one(values)).field_deg
     field = field_of(sensor, angles=3, azimuths=4)
-    shown, lost, _ = field.images_and_focus(values)
-    assert not lost.any()
-    assert 0.5 < np.abs(shown.offsets_px[0] - field.offsets_px).max() < 20.0
+    images, invalid, _ = field.images_and_focus(values)
+    assert not invalid.any()
+    assert 0.5 < np.abs(images.offsets_px[0] - field.offsets_px).max() < 20.0
 
 
 def test_temperature_matches_thermal_model():
     sensor = warm("paper-hyperboloidal")
     evaluator = TrialEvaluator.of(sensor, azimuths=3)
     merits = evaluator.evaluate({"temperature.warmer_k": np.array([40.0])})[0]
-    moved = om.thermal_motion_px(sensor, 60.0, omega_deg=evaluator.field.omega_deg[::3])
-    assert merits[merit_names().index("motion_px")] == pytest.approx(moved, rel=1e-3)
+    motion_px = om.thermal_motion_px(sensor, 60.0, omega_deg=evaluator.field.omega_deg[::3])
+    assert merits[merit_names().index("motion_px")] == pytest.approx(motion_px, rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "message"),
     [
         (
             lambda: MirrorForm((5, 5), (1.0, 1.0)),
@@ -246,6 +255,6 @@ def test_temperature_matches_thermal_model():
         ),
     ],
 )
-def test_unsupported_perturbations_are_rejected(make, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_unsupported_perturbations_are_rejected(make, message):
+    with pytest.raises(InvalidParameter, match=message):
         make()

@@ -48,21 +48,21 @@ def plan():
     )
 
 
-def counted(plan, folder=None, said=None, trials=TRIALS, **sweep):
-    kept = (
+def trial_statistics(plan, folder=None, messages=None, trials=TRIALS, **sweep):
+    options = (
         None
         if folder is None
         else Sweep(folder, shard_trials=sweep.pop("shard_trials", BLOCK), **sweep)
     )
-    on_warning = None if said is None else said.append
+    on_warning = None if messages is None else messages.append
     return om.tolerance(
-        plan.tolerances.sensor, plan, trials=trials, seed=7, sweep=kept, on_warning=on_warning
+        plan.tolerances.sensor, plan, trials=trials, seed=7, sweep=options, on_warning=on_warning
     ).statistics
 
 
 @pytest.fixture(scope="module")
 def expected(plan):
-    return counted(plan)
+    return trial_statistics(plan)
 
 
 def assert_same(statistics, expected):
@@ -83,33 +83,33 @@ def stamps(folder):
 
 def wait_for(state, seconds=120):
     end = time.monotonic() + seconds
-    while not (found := state()):
+    while not (result := state()):
         assert time.monotonic() < end, "it never came to this"
         time.sleep(0.02)
-    return found
+    return result
 
 
 def test_shards_match_a_run_in_memory(plan, expected, tmp_path):
-    assert_same(counted(plan, tmp_path), expected)
+    assert_same(trial_statistics(plan, tmp_path), expected)
     table = pq.read_table(tmp_path)
     assert sorted(table["trial"].to_pylist()) == list(range(TRIALS))
     manifest = json.loads((tmp_path / "_manifest.json").read_text())
     assert manifest["requested"]["trials"] == TRIALS
     assert sorted(manifest["shards"]) == sorted(stamps(tmp_path))
     block = table.filter((pc.field("trial") >= 3 * BLOCK) & (pc.field("trial") < 3 * BLOCK + 10))
-    again = TrialEvaluator.of(plan.tolerances.sensor, **plan.objects).evaluate(
+    merits = TrialEvaluator.of(plan.tolerances.sensor, **plan.objects).evaluate(
         plan.tolerances.drawn(7, 3, 10)
     )
-    found = np.stack([block[name].to_numpy() for name in merit_names()], axis=-1)
-    np.testing.assert_array_equal(found, again.astype(np.float32))
+    stored = np.stack([block[name].to_numpy() for name in merit_names()], axis=-1)
+    np.testing.assert_array_equal(stored, merits.astype(np.float32))
 
 
 def test_existing_shards_are_reused(plan, expected, tmp_path):
-    counted(plan, tmp_path)
+    trial_statistics(plan, tmp_path)
     before = stamps(tmp_path)
-    assert_same(counted(plan, tmp_path), expected)
+    assert_same(trial_statistics(plan, tmp_path), expected)
     other = om.TolerancePlan(plan.tolerances, {"motion_px": 0.5}, objects=plan.objects)
-    assert counted(other, tmp_path).passed == counted(other).passed
+    assert trial_statistics(other, tmp_path).passed == trial_statistics(other).passed
     assert stamps(tmp_path) == before
 
 
@@ -140,12 +140,12 @@ def of_other_trials(path):
     "harm", few([flipped, cut, of_another_number, of_other_trials], cut, of_other_trials)
 )
 def test_corrupt_shard_is_recomputed(plan, expected, tmp_path, harm):
-    counted(plan, tmp_path)
-    before, said = stamps(tmp_path), []
+    trial_statistics(plan, tmp_path)
+    before, messages = stamps(tmp_path), []
     harm(tmp_path / "shard-00001.parquet")
-    assert_same(counted(plan, tmp_path, said), expected)
-    assert len(said) == 1
-    assert re.search(r"shard-00001\.parquet (is corrupt|contains another shard)", said[0])
+    assert_same(trial_statistics(plan, tmp_path, messages), expected)
+    assert len(messages) == 1
+    assert re.search(r"shard-00001\.parquet (is corrupt|contains another shard)", messages[0])
     assert [name for name, stamp in stamps(tmp_path).items() if stamp != before[name]] == [
         "shard-00001.parquet"
     ]
@@ -165,57 +165,62 @@ def test_full_disk_keeps_completed_shards(plan, expected, tmp_path, monkeypatch)
         with pytest.raises(
             OmnimirrorError, match=r"cannot write .*shard-0000\d.parquet: No space left on device"
         ):
-            counted(plan, tmp_path)
-    kept = stamps(tmp_path)
-    assert len(kept) <= 2
+            trial_statistics(plan, tmp_path)
+    stamps_before = stamps(tmp_path)
+    assert len(stamps_before) <= 2
     assert {path.suffix for path in tmp_path.iterdir()} <= {".parquet", ".json"}
     assert not list(tmp_path.glob(".*"))
-    assert_same(counted(plan, tmp_path), expected)
-    assert stamps(tmp_path).items() >= kept.items()
+    assert_same(trial_statistics(plan, tmp_path), expected)
+    assert stamps(tmp_path).items() >= stamps_before.items()
 
 
 def test_parts_combine_to_the_whole(plan, expected, tmp_path, monkeypatch):
-    parts = [counted(plan, tmp_path, part=(i, 3)) for i in (3, 1, 2)]
+    parts = [trial_statistics(plan, tmp_path, part=(i, 3)) for i in (3, 1, 2)]
     assert sum(part.trials for part in parts) == TRIALS
     assert sum(part.passed for part in parts) == expected.passed
     monkeypatch.setattr(Shard, "run", lambda *_, **__: pytest.fail("all are there"))
-    assert_same(counted(plan, tmp_path), expected)
+    assert_same(trial_statistics(plan, tmp_path), expected)
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "message"),
     [
         (
-            lambda plan, folder: counted(plan, folder, trials=BLOCK),
+            lambda plan, folder: trial_statistics(plan, folder, trials=BLOCK),
             "trials of another sweep .different: trials",
         ),
         (
-            lambda plan, folder: counted(plan, folder, part=(9, 9)),
+            lambda plan, folder: trial_statistics(plan, folder, part=(9, 9)),
             "must not exceed the number of shards, 5; got 9/9",
         ),
         (
-            lambda plan, folder: counted(plan, folder, part=(0, 9)),
+            lambda plan, folder: trial_statistics(plan, folder, part=(0, 9)),
             "part must be between 1/9 and 9/9; got 0/9",
         ),
-        (lambda plan, folder: counted(plan, folder, shard_trials=1000), "multiple of 8192"),
-        (lambda plan, folder: counted(plan, folder / "_manifest.json"), "cannot write"),
         (
-            lambda plan, folder: counted(plan, folder / "other", scheduler="tcp://127.0.0.1:1"),
+            lambda plan, folder: trial_statistics(plan, folder, shard_trials=1000),
+            "multiple of 8192",
+        ),
+        (lambda plan, folder: trial_statistics(plan, folder / "_manifest.json"), "cannot write"),
+        (
+            lambda plan, folder: trial_statistics(
+                plan, folder / "other", scheduler="tcp://127.0.0.1:1"
+            ),
             "no Dask scheduler",
         ),
     ],
 )
-def test_invalid_sweeps_are_rejected(plan, tmp_path, call, words, monkeypatch):
+def test_invalid_sweeps_are_rejected(plan, tmp_path, call, message, monkeypatch):
     monkeypatch.setattr(block_runner, "CONNECT_S", 0.5)
-    counted(plan, tmp_path)
-    with pytest.raises((InvalidParameter, OmnimirrorError), match=words):
+    trial_statistics(plan, tmp_path)
+    with pytest.raises((InvalidParameter, OmnimirrorError), match=message):
         call(plan, tmp_path)
 
 
 def test_foreign_manifest_is_not_overwritten(plan, tmp_path):
     (tmp_path / "_manifest.json").write_text("[]")
     with pytest.raises(OmnimirrorError, match="not a manifest of omnimirror"):
-        counted(plan, tmp_path)
+        trial_statistics(plan, tmp_path)
 
 
 # -- killed processes
@@ -225,8 +230,8 @@ RUN = """
 import sys, pickle
 from pathlib import Path
 import tests.manufacturing.tolerancing.gate
-from tests.manufacturing.tolerancing.test_sweep import counted
-counted(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
+from tests.manufacturing.tolerancing.test_sweep import trial_statistics
+trial_statistics(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
 """
 
 
@@ -239,9 +244,11 @@ def gates(tmp_path, monkeypatch):
 
 
 @contextmanager
-def process(*words):
+def process(*arguments):
     """Start a process that is killed at the end."""
-    run = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    run = subprocess.Popen(
+        arguments, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     try:
         yield run
     finally:
@@ -261,17 +268,17 @@ def test_killed_run_continues(plan, expected, tmp_path, gates):
         run.send_signal(signal.SIGKILL)
         run.wait()
     assert list(folder.glob(".shard-00002*"))
-    kept = stamps(folder)
-    assert "shard-00002.parquet" not in kept
-    assert_same(counted(plan, folder), expected)
-    assert stamps(folder).items() >= kept.items()
+    stamps_before = stamps(folder)
+    assert "shard-00002.parquet" not in stamps_before
+    assert_same(trial_statistics(plan, folder), expected)
+    assert stamps(folder).items() >= stamps_before.items()
     assert len(list(folder.iterdir())) == 6  # five shards and the manifest
 
 
 @contextmanager
-def dask(what, *words):
+def dask(command, *arguments):
     program = Path(sys.executable).with_name("dask")
-    with process(program, what, *words, "--host", "127.0.0.1", "--no-dashboard") as run:
+    with process(program, command, *arguments, "--host", "127.0.0.1", "--no-dashboard") as run:
         yield run
 
 
@@ -309,10 +316,10 @@ def test_cluster_matches_a_run_in_memory(plan, expected, tmp_path):
     quiet = {"processes": False, "n_workers": 0, "threads_per_worker": 1, "dashboard_address": None}
     with LocalCluster(**quiet) as cluster:
         with pytest.raises(OmnimirrorError, match="has no workers"):
-            counted(plan, tmp_path, scheduler=cluster.scheduler_address)
+            trial_statistics(plan, tmp_path, scheduler=cluster.scheduler_address)
         cluster.scale(1)
         cluster.wait_for_workers(1)
-        assert_same(counted(plan, tmp_path, scheduler=cluster.scheduler_address), expected)
+        assert_same(trial_statistics(plan, tmp_path, scheduler=cluster.scheduler_address), expected)
     assert len(stamps(tmp_path)) == 5
 
 
@@ -320,14 +327,14 @@ def test_cluster_matches_a_run_in_memory(plan, expected, tmp_path):
 @pytest.mark.long
 def test_killed_cluster_processes_lose_no_trials(plan, expected, tmp_path, gates):
     folder = tmp_path / "trials"
-    with ThreadPoolExecutor(1) as beside, ExitStack() as stack:
+    with ThreadPoolExecutor(1) as executor, ExitStack() as stack:
         ended, address = scheduler(stack, tmp_path / "first.json")
         with pytest.raises(OmnimirrorError, match="has no workers"):
-            counted(plan, folder, scheduler=address)
+            trial_statistics(plan, folder, scheduler=address)
         pair = [worker(stack, address) for _ in range(2)]
         wait_for(lambda: workers_at(address) == 2)
         (gates / "shut-1").touch()
-        run, at = beside.submit(counted, plan, folder, scheduler=address), gates / "at-1"
+        run, at = executor.submit(trial_statistics, plan, folder, scheduler=address), gates / "at-1"
         wait_for(lambda: run.done() or at.exists())  # a worker within a shard
         first = int(at.read_text())
         os.kill(first, signal.SIGKILL)
@@ -335,8 +342,8 @@ def test_killed_cluster_processes_lose_no_trials(plan, expected, tmp_path, gates
             lambda: run.done() or int(at.read_text()) != first
         )  # the other one, in the same shard
         assert sum(process.poll() is None for process in pair) == 1
-        kept = stamps(folder)
-        assert "shard-00001.parquet" not in kept
+        stamps_before = stamps(folder)
+        assert "shard-00001.parquet" not in stamps_before
         ended.kill()
         with pytest.raises(
             OmnimirrorError,
@@ -347,8 +354,8 @@ def test_killed_cluster_processes_lose_no_trials(plan, expected, tmp_path, gates
         _, address = scheduler(stack, tmp_path / "second.json")
         worker(stack, address)
         wait_for(lambda: workers_at(address) == 1)
-        assert_same(counted(plan, folder, scheduler=address), expected)
-        assert stamps(folder).items() >= kept.items()
+        assert_same(trial_statistics(plan, folder, scheduler=address), expected)
+        assert stamps(folder).items() >= stamps_before.items()
     assert len(stamps(folder)) == 5
 
 
@@ -362,7 +369,7 @@ def test_command_combines_parts(tmp_path, monkeypatch):
         "[objects]\nangles = 1\nazimuths = 3\n[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n"
         "[[limit]]\nquantity = 'motion_px'\nat_most = 1.0\n"
     )
-    words = [
+    arguments = [
         "tolerance",
         "paper-spherical",
         "t.toml",
@@ -375,11 +382,11 @@ def test_command_combines_parts(tmp_path, monkeypatch):
     ]
 
     def run(*more):
-        found = CliRunner().invoke(
-            app, [*words, "--set", "sweep.shard_trials=8192", *more], catch_exceptions=False
+        result = CliRunner().invoke(
+            app, [*arguments, "--set", "sweep.shard_trials=8192", *more], catch_exceptions=False
         )
-        assert found.exit_code == 0
-        return found.output
+        assert result.exit_code == 0
+        return result.output
 
     numbers = run("--part", "2/2")
     assert "8192 trials" in numbers
@@ -388,10 +395,10 @@ def test_command_combines_parts(tmp_path, monkeypatch):
     run("--part", "1/2", "--json", "a.json")
     assert json.loads((tmp_path / "a.json").read_text())["trials"] == 20000 - 8192
     run()
-    found = json.loads((tmp_path / "sweep" / "tolerance.json").read_text())
+    result = json.loads((tmp_path / "sweep" / "tolerance.json").read_text())
     plan = om.load_tolerances("t.toml", om.load_sensor("paper-spherical"))
     one = om.tolerance(plan.tolerances.sensor, plan, trials=20000, seed=7)
-    assert {k: v for k, v in found.items() if k != "seconds"} == json.loads(
+    assert {k: v for k, v in result.items() if k != "seconds"} == json.loads(
         json.dumps({k: v for k, v in one.to_dict().items() if k != "seconds"}).replace(
             "Infinity", '"inf"'
         )
@@ -399,7 +406,7 @@ def test_command_combines_parts(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("arguments", "message"),
     [
         (["--part", "2/8"], "--part requires --output"),
         (["--part", "x", "-o", "o"], "got 'x'"),
@@ -407,9 +414,9 @@ def test_command_combines_parts(tmp_path, monkeypatch):
         (["--set", "sweep.shard_trials=10", "-o", "o"], "multiple of 8192"),
     ],
 )
-def test_invalid_command_prints_one_message(tmp_path, monkeypatch, words, sentence):
+def test_invalid_command_prints_one_message(tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "t.toml").write_text("[[error]]\nname = 'lens.k1'\ntolerance = 0.1\n")
-    result = CliRunner().invoke(app, ["tolerance", "paper-spherical", "t.toml", *words])
+    result = CliRunner().invoke(app, ["tolerance", "paper-spherical", "t.toml", *arguments])
     assert result.exit_code != 0
-    assert sentence in str(result.exception) + result.output
+    assert message in str(result.exception) + result.output

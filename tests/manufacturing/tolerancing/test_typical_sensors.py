@@ -28,9 +28,11 @@ def test_quantile_of_trials(sensor):
     merits = TrialEvaluator.of(sensor).evaluate(plan.tolerances.drawn(3, 0, 2000))[
         :, merit_names().index("motion_px")
     ]
-    for found in om.typical_sensors(sensor, plan, quantiles=(0.05, 0.5, 0.95), trials=2000, seed=3):
-        assert (merits <= found.merit).mean() == pytest.approx(found.quantile, abs=1e-9)
-        assert merits[found.trial] == pytest.approx(found.merit)
+    for typical in om.typical_sensors(
+        sensor, plan, quantiles=(0.05, 0.5, 0.95), trials=2000, seed=3
+    ):
+        assert (merits <= typical.merit).mean() == pytest.approx(typical.quantile, abs=1e-9)
+        assert merits[typical.trial] == pytest.approx(typical.merit)
 
 
 def test_typical_sensor_has_its_merit(sensor, tmp_path):
@@ -45,20 +47,20 @@ def test_typical_sensor_has_its_merit(sensor, tmp_path):
     om.save_sensor(worst.sensor, tmp_path / "worst.toml")
     built, field = om.load_sensor(tmp_path / "worst.toml"), TrialEvaluator.of(sensor).field
     world = field.targets @ sensor._axes.T
-    moved = built.project_directions(world).pixels - sensor.project_directions(world).pixels
-    assert np.hypot(*moved.T).max() == pytest.approx(worst.merit, rel=1e-9)
+    motion = built.project_directions(world).pixels - sensor.project_directions(world).pixels
+    assert np.hypot(*motion.T).max() == pytest.approx(worst.merit, rel=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("more", "words"),
+    ("more", "message"),
     [
         ({"merit": "blur"}, "'blur' is not a merit"),
         ({"quantiles": (1.5,)}, "quantiles must be between 0 and 1; got 1.5"),
         ({"quantiles": (1.0,)}, "at the quantile 1 lose rays"),
     ],
 )
-def test_invalid_arguments_are_rejected(sensor, more, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_invalid_arguments_are_rejected(sensor, more, message):
+    with pytest.raises(InvalidParameter, match=message):
         om.typical_sensors(
             sensor, plan_of(sensor, mirror__decentre_x_mm=1000.0), trials=200, **more
         )
@@ -75,7 +77,7 @@ def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
             for part in ("mirror", "imager")
         )
     )
-    words = [
+    arguments = [
         "tolerance",
         "small.toml",
         "t.toml",
@@ -84,9 +86,9 @@ def test_command_writes_sensors_and_images(tmp_path, monkeypatch):
         "--set",
         "analysis.typical_sensors=true",
     ]
-    refused = CliRunner().invoke(app, words)
-    assert "analysis.typical_sensors requires --output" in refused.output
-    result = CliRunner().invoke(app, [*words, "-o", "o"], catch_exceptions=False)
+    failure = CliRunner().invoke(app, arguments)
+    assert "analysis.typical_sensors requires --output" in failure.output
+    result = CliRunner().invoke(app, [*arguments, "-o", "o"], catch_exceptions=False)
     assert result.exit_code == 0
     assert "sensor 95 %: trial" in result.output
     for name in ("05", "50", "95"):

@@ -71,11 +71,11 @@ def test_trial_matches_the_perturbed_sensor(sensor, distance):
     field, values = field_of(sensor, object_distance_mm=distance), errors(sensor)
     built = perturbed(sensor, values)
     targets = world(built, field.targets)
-    found = built.project_directions(targets) if field.distant else built.project(targets)
-    offsets = built.image_plane.flat_mm(found.pixels)[0] / built.imager.pitch_mm
-    shown = field.images(columns(values)).offsets_px[0]
-    assert found.valid.sum() > 80
-    np.testing.assert_allclose(shown[found.valid], offsets[found.valid], atol=1e-8)
+    projection = built.project_directions(targets) if field.distant else built.project(targets)
+    offsets = built.image_plane.flat_mm(projection.pixels)[0] / built.imager.pitch_mm
+    offsets_px = field.images(columns(values)).offsets_px[0]
+    assert projection.valid.sum() > 80
+    np.testing.assert_allclose(offsets_px[projection.valid], offsets[projection.valid], atol=1e-8)
 
 
 def test_nominal_blur_matches_the_evaluation(sensor):
@@ -106,12 +106,12 @@ def test_blur_matches_finite_rays(sensor):
         ends = om.optics.tracing.reflection.RayEndpoints.of(
             np.broadcast_to(target, (16, 3)), distant=True
         )
-        found = built.optical_train.posed_mirror.specular(
+        reflection = built.optical_train.posed_mirror.specular(
             built.optical_train.entrance_pupil_points(pupil), ends
         )
         points = (
             built.lens.image_of(
-                found.facing_points - built.optical_train.lens_offset, found.to_pupils
+                reflection.facing_points - built.optical_train.lens_offset, reflection.to_pupils
             )
             / built.imager.pitch_mm
         )
@@ -129,7 +129,7 @@ def test_form_error_obeys_the_law_of_reflection():
         "mirror.zernike_25_um": 20.0,
     }
     field = field_of(sensor)
-    shown = trace_objects(
+    traced = trace_objects(
         states_of(sensor, columns(values)), field.targets, field.distant, field.start
     )
     rim = sensor.mirror.rim_radius_mm
@@ -142,7 +142,7 @@ def test_form_error_obeys_the_law_of_reflection():
         form += 20.0 * np.sqrt(14) * (6 * r**6 - 5 * r**4) * np.sin(4 * phi)
         return sensor.mirror.sag(r * rim) + 1e-3 * form
 
-    x, y = shown.mirror_points[0].T
+    x, y = traced.mirror_points[0].T
     step = 1e-4
     normals = np.stack(
         [
@@ -157,7 +157,7 @@ def test_form_error_obeys_the_law_of_reflection():
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     reflected = towards - 2 * (towards * normals).sum(axis=1, keepdims=True) * normals
     assert np.abs(reflected - field.targets).max() < 1e-7
-    assert np.abs(shown.mirror_points[0] - field.start).max() > 1e-3
+    assert np.abs(traced.mirror_points[0] - field.start).max() > 1e-3
 
 
 def test_imager_pose_is_a_plane_intersection():
@@ -174,7 +174,7 @@ def test_imager_pose_is_a_plane_intersection():
     values = dict(
         zip((*names, "imager.pitch_ppm"), (12.0, -5.0, 1.5, 0.8, -0.6, 300.0), strict=True)
     )
-    shown = field.images(columns(values)).offsets_px[0]
+    offsets_px = field.images(columns(values)).offsets_px[0]
     pitch = sensor.imager.pitch_mm
     c = sensor.lens.principal_distance
     rays = np.concatenate([field.offsets_px * pitch / c, np.ones((len(field), 1))], axis=1)
@@ -186,9 +186,9 @@ def test_imager_pose_is_a_plane_intersection():
     )
     axes = about_y @ about_x @ about_z
     middle = np.array([0.0, 0.0, c])
-    met = rays * ((axes[:, 2] @ middle) / (rays @ axes[:, 2]))[:, None]
-    expected = ((met - middle) @ axes[:, :2]) / (pitch * (1 + 300e-6)) + [12.0, -5.0]
-    np.testing.assert_allclose(shown, expected, atol=1e-9)
+    intersections = rays * ((axes[:, 2] @ middle) / (rays @ axes[:, 2]))[:, None]
+    expected = ((intersections - middle) @ axes[:, :2]) / (pitch * (1 + 300e-6)) + [12.0, -5.0]
+    np.testing.assert_allclose(offsets_px, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal"])
@@ -202,7 +202,7 @@ def test_pose_residual_matches_a_full_fit(name):
         "mirror.zernike_6_um": 3.0,
         "mirror.zernike_11_um": 1.0,
     }
-    merits, moved = evaluator.evaluate_with_motions(columns(values))
+    merits, motions = evaluator.evaluate_with_motions(columns(values))
     x, y = evaluator.reference_px.T
     one, zero = np.ones_like(x), np.zeros_like(x)
     affine = np.array(
@@ -210,18 +210,18 @@ def test_pose_residual_matches_a_full_fit(name):
     )
 
     def residual(p):
-        shown = (
+        fit = (
             evaluator.field.images(columns(dict(zip(POSE, p, strict=True)))).offsets_px[0]
             - evaluator.reference_px
         )
-        rest = moved[0] - shown.T.ravel()
+        rest = motions[0] - fit.T.ravel()
         return rest - affine.T @ np.linalg.lstsq(affine.T, rest, rcond=None)[0]
 
     fitted = least_squares(residual, np.zeros(5), x_scale=0.1, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     expected = np.sqrt(2 * fitted.cost / len(x))
-    found = merits[0, merit_names().index(after("motion_rms_px", "pose"))]
-    assert found == pytest.approx(expected, rel=2e-3)
-    assert found < 0.3 * merits[0, merit_names().index(after("motion_rms_px", "affine"))]
+    residual_px = merits[0, merit_names().index(after("motion_rms_px", "pose"))]
+    assert residual_px == pytest.approx(expected, rel=2e-3)
+    assert residual_px < 0.3 * merits[0, merit_names().index(after("motion_rms_px", "affine"))]
 
 
 def test_residuals_decrease_with_calibration_depth(sensor):
@@ -243,10 +243,10 @@ def test_compiled_kernel_matches_numpy(sensor, refocus, distance):
         values = {name: rng.normal(size=20) * 0.3 for name in (*POSE, "imager.tilt_x_deg")}
         values |= {name: rng.normal(size=20) * size for name, size in LENS.items()}
         values |= {f"mirror.zernike_{j}_um": rng.normal(size=20) for j in more}
-        merits, moved = evaluate_compiled(evaluator, states_of(sensor, values))
+        merits, compiled = evaluate_compiled(evaluator, states_of(sensor, values))
         expected, motions = evaluate_numpy(evaluator, values)
         close = 1e-4 if refocus == "worst" else 1e-8  # final interval of the golden section
-        np.testing.assert_allclose(moved, motions, atol=close / 10)
+        np.testing.assert_allclose(compiled, motions, atol=close / 10)
         np.testing.assert_allclose(merits, expected, atol=close, rtol=close)
 
 
@@ -263,10 +263,10 @@ def test_all_mirrors_are_supported(kind):
     )
     values = {"mirror.decentre_x_mm": 0.05, "mirror.tilt_y_deg": 0.05}
     built = perturbed(sensor, values)
-    found = built.project_directions(world(built, field.targets))
-    offsets = built.image_plane.flat_mm(found.pixels)[0] / built.imager.pitch_mm
-    shown = field.images(columns(values)).offsets_px[0]
-    assert np.abs(shown - offsets)[found.valid].max() < 1e-6
+    projection = built.project_directions(world(built, field.targets))
+    offsets = built.image_plane.flat_mm(projection.pixels)[0] / built.imager.pitch_mm
+    offsets_px = field.images(columns(values)).offsets_px[0]
+    assert np.abs(offsets_px - offsets)[projection.valid].max() < 1e-6
 
 
 def test_lost_rays_are_counted():  # a decentre moves the rim away from its objects
@@ -287,21 +287,21 @@ def test_impossible_sensors_lose_all_rays():
         ("lens.focus_distance_mm", -205.0),
         ("mirror.vertex_radius_mm", -60.0),
     ):
-        merits, moved = evaluator.evaluate_with_motions({name: np.array([0.0, value])})
+        merits, motions = evaluator.evaluate_with_motions({name: np.array([0.0, value])})
         assert merits[:, -1].tolist() == [0, n]
-        assert np.isnan(moved[1]).all()
+        assert np.isnan(motions[1]).all()
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({"field_deg": (0.0, 179.0)}, "field_deg"),
         ({"angles": 0}, "angles"),
         ({"object_distance_mm": -1.0}, "object_distance_mm"),
     ],
 )
-def test_invalid_field_is_rejected(options, words):
-    with pytest.raises(InvalidParameter, match=words):
+def test_invalid_field_is_rejected(options, message):
+    with pytest.raises(InvalidParameter, match=message):
         field_of(om.load_sensor("paper-spherical"), **options)
 
 

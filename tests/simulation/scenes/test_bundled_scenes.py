@@ -25,7 +25,7 @@ def hall() -> Hall:
     return Hall(texel_mm=12.5)
 
 
-def seen_flat(scene, face_corners, columns, rows):
+def face_radiance(scene, face_corners, columns, rows):
     """Return an image of the flat patch between corners (rows, columns, 3), from the front."""
     v, u = np.meshgrid(
         (np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij"
@@ -104,18 +104,18 @@ def test_board_corners_match_opencv(hall):
         + 13.8 * np.array([0.0, 1.0])[:, None] * right
         + 9.8 * np.array([0.0, 1.0])[:, None, None] * down
     )
-    image = seen_flat(hall, frame, 1380, 980)
-    found, pixels = cv2.findChessboardCornersSB(
+    image = face_radiance(hall, frame, 1380, 980)
+    success, pixels = cv2.findChessboardCornersSB(
         image[..., 1].copy(), (11, 7), flags=cv2.CALIB_CB_ACCURACY
     )
-    assert found
+    assert success
     # OpenCV may start at either end
     expected = (
         np.stack(np.meshgrid(190 + 100 * np.arange(11), 190 + 100 * np.arange(7)), axis=-1) - 0.5
     )
     pixels = pixels.reshape(7, 11, 2)
-    off = min(np.abs(p - expected).max() for p in (pixels, pixels[::-1, ::-1]))
-    assert off < 0.2  # px of 1 mm; texels have 12
+    error_px = min(np.abs(p - expected).max() for p in (pixels, pixels[::-1, ::-1]))
+    assert error_px < 0.2  # px of 1 mm; texels have 12
 
 
 def test_hall_depth_of_boards(hall):
@@ -145,8 +145,8 @@ def test_facet_colours_are_interpolated():
     for i in range(5):
         alone = facets(triangles[i : i + 1], colours[i : i + 1])
         normal = np.cross(*(triangles[i, 1:] - triangles[i, 0]))
-        seen = alone.first_hits((points[i] + normal)[None], -normal[None])
-        np.testing.assert_allclose(seen.light[0], weights[i] @ colours[i], atol=1e-5)
+        hit = alone.first_hits((points[i] + normal)[None], -normal[None])
+        np.testing.assert_allclose(hit.light[0], weights[i] @ colours[i], atol=1e-5)
 
 
 def test_mesh_colours(tmp_path):
@@ -188,9 +188,9 @@ def test_mesh_colours(tmp_path):
     assert light[4, 0] / light[4, 2] == pytest.approx(2.0, rel=1e-3)  # 67 % red, 33 % blue
     np.testing.assert_allclose(light[5], 0.25, atol=1e-6)
     assert scene.distance_mm(np.zeros((1, 3)), towards[3:4])[0] == pytest.approx(1500, abs=5)
-    turned = load_mesh(tmp_path / "scene.glb", unit_mm=1.0, up="z")
-    assert np.isinf(turned.distance_mm(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])))
-    assert turned.distance_mm(np.zeros((1, 3)), np.array([[0.0, 0.0, -1.0]]))[0] == pytest.approx(
+    rotated = load_mesh(tmp_path / "scene.glb", unit_mm=1.0, up="z")
+    assert np.isinf(rotated.distance_mm(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])))
+    assert rotated.distance_mm(np.zeros((1, 3)), np.array([[0.0, 0.0, -1.0]]))[0] == pytest.approx(
         3.0
     )
 

@@ -20,7 +20,7 @@ trimesh = pytest.importorskip("trimesh")
 SQUARE = "v 1 -1 0\nv 1 1 0\nv 1 0 1\n"
 
 
-def written(folder, name, text):
+def write_scene(folder, name, text):
     (folder / name).write_text(text)
     return folder / name
 
@@ -57,8 +57,8 @@ def written(folder, name, text):
     ],
 )
 def test_invalid_obj_raises(tmp_path, text, message):
-    written(tmp_path, "there.mtl", "newmtl a\nmap_Kd -s 1 1 1 none.png\n")
-    path = written(tmp_path, "bad.obj", text)
+    write_scene(tmp_path, "there.mtl", "newmtl a\nmap_Kd -s 1 1 1 none.png\n")
+    path = write_scene(tmp_path, "bad.obj", text)
     with pytest.raises(MediaError, match=message) as e:
         load_mesh(path)
     assert str(path) in str(e.value)
@@ -68,7 +68,9 @@ def test_invalid_obj_raises(tmp_path, text, message):
 def test_invalid_corner_index_raises(tmp_path, corner):
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
-    path = written(tmp_path, "bad.ply", f"{head}1 -1 0\n1 1 0\n1 0 1\n3 0 1 2\n3 0 1 {corner}\n")
+    path = write_scene(
+        tmp_path, "bad.ply", f"{head}1 -1 0\n1 1 0\n1 0 1\n3 0 1 2\n3 0 1 {corner}\n"
+    )
     with pytest.raises(
         MediaError, match=f"between 0 and 2; got {corner}, in total 1 invalid triangles"
     ):
@@ -77,17 +79,17 @@ def test_invalid_corner_index_raises(tmp_path, corner):
 
 def test_indices_containing_digit_zero_are_valid(tmp_path):
     corners = "".join(f"v 1 {i % 3 - 1} {i // 3}\n" for i in range(12))
-    path = written(tmp_path, "good.obj", f"# f 0 1 2\n{corners}f 10 1 5\nf -1 -2 -6\n")
+    path = write_scene(tmp_path, "good.obj", f"# f 0 1 2\n{corners}f 10 1 5\nf -1 -2 -6\n")
     assert len(load_mesh(path).surfaces.records) == 2
 
 
 def test_missing_texture_raises(tmp_path):
     image = '{"asset": {"version": "2.0"}, "images": [{"uri": "none%20here.png"}]}'
     with pytest.raises(MediaError, match=r"cannot find the texture 'none here.png'"):
-        load_mesh(written(tmp_path, "a.gltf", image))
+        load_mesh(write_scene(tmp_path, "a.gltf", image))
     with pytest.raises(MediaError, match=r"cannot find the texture 'none.png'"):
         load_mesh(
-            written(
+            write_scene(
                 tmp_path,
                 "a.ply",
                 "ply\nformat ascii 1.0\ncomment TextureFile none.png\nend_header\n",

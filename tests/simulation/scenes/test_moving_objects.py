@@ -102,7 +102,7 @@ def test_video_shows_moving_bodies(tmp_path):
     om.save_sensor(small, tmp_path / "small.toml")
     (tmp_path / "path.csv").write_text("time_s,x_mm\n0,0\n2,100\n")
     (tmp_path / "bodies.toml").write_text(BODIES.partition("[lamp]")[0].replace("pan_deg = 90", ""))
-    asked = (
+    options = (
         "--path",
         tmp_path / "path.csv",
         "--set",
@@ -114,8 +114,8 @@ def test_video_shows_moving_bodies(tmp_path):
         "video.fps=1",
     )
     for arguments in (
-        ("simulate", "dataset", tmp_path / "small.toml", *asked, "-o", tmp_path / "set"),
-        ("simulate", tmp_path / "small.toml", *asked, "-o", tmp_path / "film.mp4"),
+        ("simulate", "dataset", tmp_path / "small.toml", *options, "-o", tmp_path / "set"),
+        ("simulate", tmp_path / "small.toml", *options, "-o", tmp_path / "film.mp4"),
         (
             "simulate",
             "dataset",
@@ -167,13 +167,13 @@ def test_compiled_bodies_match_numpy(blur):
         SceneWithBodies(om.Room(texel_mm=40.0), bodies, 0.0),
         replace(BALL, imager=Imager(256, 256, 20.8)),
     )
-    seen, expected = (
+    light, expected = (
         expose(sensor, s, samples=4, blur=blur, seed=1) for s in (scene, Unpainted(scene))
     )
-    differs = np.abs(seen - expected).max(axis=-1)
+    differs = np.abs(light - expected).max(axis=-1)
     assert (differs > 1e-5).sum() <= 3, "but for rays that graze an edge"
     alone = expose(sensor, scene.scene, samples=4, blur=blur, seed=1)
-    assert (np.abs(alone - seen).max(axis=-1) > 1e-2).sum() > 500, "bodies are in sight"
+    assert (np.abs(alone - light).max(axis=-1) > 1e-2).sum() > 500, "bodies are in sight"
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")

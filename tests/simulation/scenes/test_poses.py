@@ -29,12 +29,12 @@ def small(name: str, pixels: int = 64) -> om.Sensor:
 
 
 def test_pose_signs():
-    ahead, left, up = np.eye(3)
+    forward, left, up = np.eye(3)
     np.testing.assert_allclose(
-        Pose(pan_deg=30).to_scene(ahead), pan_tilt_direction(np.radians(30), 0), atol=1e-12
+        Pose(pan_deg=30).to_scene(forward), pan_tilt_direction(np.radians(30), 0), atol=1e-12
     )
     np.testing.assert_allclose(
-        Pose(tilt_deg=20).to_scene(ahead), pan_tilt_direction(0, np.radians(20)), atol=1e-12
+        Pose(tilt_deg=20).to_scene(forward), pan_tilt_direction(0, np.radians(20)), atol=1e-12
     )
     np.testing.assert_allclose(
         Pose(roll_deg=90).to_scene(up), -left, atol=1e-12
@@ -54,17 +54,17 @@ def test_compiled_rotated_environment_matches_numpy():
     rays = sensor.backproject(
         np.stack(np.meshgrid(np.arange(64.0), np.arange(64.0)), axis=-1).reshape(-1, 2)
     )
-    seen = world.radiance(
+    expected = world.radiance(
         np.zeros((int(rays.valid.sum()), 3)), rays.directions[rays.valid] @ pose.rotation().T
     )
-    assert np.abs(light.reshape(-1, 3)[rays.valid] - seen).max() < 1e-3
+    assert np.abs(light.reshape(-1, 3)[rays.valid] - expected).max() < 1e-3
 
 
 def test_pan_matches_mount_rotation():
     """A camera rotated in its mount against the pan renders the image of the sensor without pan."""
     sensor, room = small("paper-spherical"), om.Room(texel_mm=20.0)
-    turned = replace(sensor, mount=replace(sensor.mount, forward_azimuth_deg=-90.0 - 40.0))
-    panned = expose(turned, PosedScene(room, Pose(pan_deg=40.0)), samples=4)
+    rotated = replace(sensor, mount=replace(sensor.mount, forward_azimuth_deg=-90.0 - 40.0))
+    panned = expose(rotated, PosedScene(room, Pose(pan_deg=40.0)), samples=4)
     np.testing.assert_allclose(panned, expose(sensor, room, samples=4), atol=0.02)
     assert (
         np.abs(expose(sensor, PosedScene(room, Pose(pan_deg=40.0)), samples=4) - panned).mean()
@@ -76,16 +76,18 @@ def test_pan_matches_mount_rotation():
 def test_depth_round_trip(pose):
     sensor = small("paper-spherical", 128)
     truth = ground_truth(sensor, PosedScene(om.Room(texel_mm=40.0), pose))
-    seen = np.isfinite(truth.depth_mm)
-    np.testing.assert_array_equal(seen, np.isfinite(truth.directions).all(axis=-1))
-    points = truth.points_mm[seen]
-    met = pose.to_scene(points)
-    on_walls = np.isclose(met, ROOM.low, atol=1e-6) | np.isclose(met, ROOM.high, atol=1e-6)
+    valid = np.isfinite(truth.depth_mm)
+    np.testing.assert_array_equal(valid, np.isfinite(truth.directions).all(axis=-1))
+    points = truth.points_mm[valid]
+    scene_points = pose.to_scene(points)
+    on_walls = np.isclose(scene_points, ROOM.low, atol=1e-6) | np.isclose(
+        scene_points, ROOM.high, atol=1e-6
+    )
     assert on_walls.any(axis=1).mean() > 0.7  # the rest is furniture
-    assert (met > np.array(ROOM.low) - 1e-6).all()
-    assert (met < np.array(ROOM.high) + 1e-6).all()
+    assert (scene_points > np.array(ROOM.low) - 1e-6).all()
+    assert (scene_points < np.array(ROOM.high) + 1e-6).all()
     back = sensor.project(points)
-    rows, columns = np.nonzero(seen)
+    rows, columns = np.nonzero(valid)
     np.testing.assert_allclose(
         back.pixels[back.valid], np.stack([columns, rows], -1)[back.valid], atol=1e-3
     )

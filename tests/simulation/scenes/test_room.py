@@ -126,15 +126,15 @@ def test_invalid_value_raises(room: om.Room):
 
 def test_texel_size_of_wall_ahead():
     """Its lettering equals that of a room with fine texels throughout; other texels are coarse."""
-    fine, ahead = om.Room(10.0), om.Room(10.0, other_texel_mm=80.0)
+    fine, coarse_sides = om.Room(10.0), om.Room(10.0, other_texel_mm=80.0)
     y, z = np.meshgrid(np.linspace(-2000, 1600, 300), np.linspace(500, 950, 60))
     towards = np.stack([np.full(y.size, 3399.0), y.ravel(), z.ravel()], axis=-1)
     origins = np.zeros_like(towards)
-    seen, expected = ahead.radiance(origins, towards), fine.radiance(origins, towards)
+    light, expected = coarse_sides.radiance(origins, towards), fine.radiance(origins, towards)
     assert expected.std() > 0.1  # letters
-    np.testing.assert_allclose(seen, expected, atol=0.01)  # lit by windows with coarser edges
+    np.testing.assert_allclose(light, expected, atol=0.01)  # lit by windows with coarser edges
     np.testing.assert_allclose(
-        ahead.sign_corners_mm("OMNIMIRROR"), fine.sign_corners_mm("OMNIMIRROR")
+        coarse_sides.sign_corners_mm("OMNIMIRROR"), fine.sign_corners_mm("OMNIMIRROR")
     )
     with pytest.raises(InvalidParameter, match="other_texel_mm"):
         om.Room(10.0, other_texel_mm=0.1)

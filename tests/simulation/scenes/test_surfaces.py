@@ -42,10 +42,10 @@ def test_environment_directions():
     )
     world = Environment(light.astype(np.float32), heading_deg=20.0)
     pans, tilts = np.radians([0.0, 77.0, -179.9, 179.9]), np.radians([0.0, 40.0, -60.0, 10.0])
-    seen = world.radiance(np.zeros((4, 3)), pan_tilt_direction(pans, tilts))
-    turned = pans - np.radians(20.0)
+    radiance = world.radiance(np.zeros((4, 3)), pan_tilt_direction(pans, tilts))
+    angles = pans - np.radians(20.0)
     np.testing.assert_allclose(
-        seen, np.stack([np.cos(turned) + 1, tilts + 2, np.sin(turned) + 1], -1), atol=1e-3
+        radiance, np.stack([np.cos(angles) + 1, tilts + 2, np.sin(angles) + 1], -1), atol=1e-3
     )
 
 
@@ -62,7 +62,7 @@ def test_invalid_environment_raises(light, message):
 
 
 def clutter(count: int, rng: np.random.Generator) -> Surfaces:
-    places = np.concatenate(
+    vertices = np.concatenate(
         [rng.uniform(-5, 5, (count, 1, 3)), rng.normal(0, 1.5, (count, 2, 3))], axis=1
     )
     textures = (
@@ -70,7 +70,9 @@ def clutter(count: int, rng: np.random.Generator) -> Surfaces:
         Texture(rng.uniform(0, 1, (3, 2, 4)).astype(np.float32), repeats=True),
     )
     texels = rng.uniform(-3, 9, (count, 3, 2))
-    return Surfaces.of(places, texels, rng.integers(0, 2, count), rng.random(count) < 0.5, textures)
+    return Surfaces.of(
+        vertices, texels, rng.integers(0, 2, count), rng.random(count) < 0.5, textures
+    )
 
 
 @pytest.fixture(params=instructions())
@@ -98,9 +100,9 @@ def test_first_hit_is_nearest(count):
         np.isinf(fast.distance) & np.isinf(slow.distance)
     )
     assert same.mean() > 0.998  # rays that graze an edge
-    met = same & np.isfinite(slow.distance)
-    assert count < 50 or met.mean() > 0.15
-    assert np.quantile(np.abs(fast.light - slow.light)[met], 0.99) < 2e-3
+    hit = same & np.isfinite(slow.distance)
+    assert count < 50 or hit.mean() > 0.15
+    assert np.quantile(np.abs(fast.light - slow.light)[hit], 0.99) < 2e-3
 
 
 def ball(rings: int) -> np.ndarray:
@@ -130,10 +132,10 @@ def test_hits_are_independent_of_batch():
     directions[9000:12000] = (
         triangles[rng.integers(len(triangles), size=3000), 1] - origins[9000:12000]
     )  # at corners
-    seen, order = scene.first_hits(origins, directions), rng.permutation(len(origins))
-    assert np.isinf(seen.distance).mean() < 1e-3  # between triangles
+    hits, order = scene.first_hits(origins, directions), rng.permutation(len(origins))
+    assert np.isinf(hits.distance).mean() < 1e-3  # between triangles
     for alone, together in zip(
-        scene.first_hits(origins[order], directions[order]), seen, strict=True
+        scene.first_hits(origins[order], directions[order]), hits, strict=True
     ):
         np.testing.assert_array_equal(alone, together[order])
 
@@ -149,24 +151,27 @@ def test_coincident_surfaces():
         np.zeros(count, bool),
         (Texture(np.full((1, 1, 4), 0.5, np.float32)),),
     )
-    seen = scene.first_hits(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
-    assert seen.distance.tolist() == [5.0, np.inf]
+    hits = scene.first_hits(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]))
+    assert hits.distance.tolist() == [5.0, np.inf]
 
 
 @needs_native
 def test_kernels_share_texels():
     scene = facets(ball(20), np.full((1600, 3, 3), 0.25, np.float32))
     texels = scene.textures[0].texels
-    native, kept = scene.native, weakref.ref(texels if texels.base is None else texels.base)
+    native, texels_reference = (
+        scene.native,
+        weakref.ref(texels if texels.base is None else texels.base),
+    )
     del scene, texels
     gc.collect()
-    assert kept() is not None
+    assert texels_reference() is not None
     light, distance = np.empty((1, 4), np.float32), np.empty(1, np.float32)
     native.radiance(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), light, distance)
     np.testing.assert_allclose(light[0, :3], 0.25, rtol=1e-5)
     del native
     gc.collect()
-    assert kept() is None
+    assert texels_reference() is None
 
 
 @needs_native
@@ -176,12 +181,12 @@ def test_compiled_surfaces_are_cached():
     scene = facets(
         rng.uniform(-50, 50, (500, 3, 3)), rng.uniform(0, 1, (500, 3, 3)).astype(np.float32)
     )
-    given = np.sort(scene.records, order=["texel"])
+    expected = np.sort(scene.records, order=["texel"])
     before = scene._hits_in_parts(np.zeros((99, 3)), towards := rng.normal(size=(99, 3)))
-    kept = scene.native.records
-    assert kept.nbytes == 500 * 64
-    assert np.shares_memory(scene.records, kept)
-    assert np.array_equal(np.sort(scene.records, order=["texel"]), given)
+    records = scene.native.records
+    assert records.nbytes == 500 * 64
+    assert np.shares_memory(scene.records, records)
+    assert np.array_equal(np.sort(scene.records, order=["texel"]), expected)
     for now, then in zip(scene._hits_in_parts(np.zeros((99, 3)), towards), before, strict=True):
         np.testing.assert_array_equal(now, then)
 
@@ -217,8 +222,8 @@ def test_texture_orientation():
     towards = np.array(
         [[5.0, 2.0, 1.0], [5.0, -2.0, 1.0], [5.0, 0.0, -1.0], [5.0, 0.0, 0.0], [-5.0, 0.0, 0.0]]
     )
-    seen = scene.first_hits(np.zeros((5, 3)), towards)
-    np.testing.assert_allclose(seen.light[:, 0], [0, 2, 4, 2.5, 0], atol=1e-4)
+    hits = scene.first_hits(np.zeros((5, 3)), towards)
+    np.testing.assert_allclose(hits.light[:, 0], [0, 2, 4, 2.5, 0], atol=1e-4)
 
 
 # -- Ray-box intersections against marching along each ray in small steps --------------------------
@@ -268,19 +273,20 @@ def test_compiled_boxes_match_numpy():
     )
     np.testing.assert_array_equal(hits.distance, expected.distance)
     np.testing.assert_array_equal(hits.face, expected.face)
-    ways = 1.7 * directions
+    displacements = 1.7 * directions
     np.testing.assert_array_equal(
-        are_blocked(SOLIDS, origins, ways), are_blocked_numpy(SOLIDS, origins, ways)
+        are_blocked(SOLIDS, origins, displacements),
+        are_blocked_numpy(SOLIDS, origins, displacements),
     )
-    assert not are_blocked((), origins, ways).any()
+    assert not are_blocked((), origins, displacements).any()
 
 
 def test_box_hits_match_ray_marching():
     origins, directions = rays(300)
     hits = intersect_boxes(ROOM, SOLIDS, origins, directions)
-    marched = [march(o, d) for o, d in zip(origins, directions, strict=True)]
-    np.testing.assert_allclose(hits.distance, [t for t, _ in marched], atol=1.01 * STEP)
-    assert (hits.face // 6 == [box for _, box in marched]).all()
+    expected = [march(o, d) for o, d in zip(origins, directions, strict=True)]
+    np.testing.assert_allclose(hits.distance, [t for t, _ in expected], atol=1.01 * STEP)
+    assert (hits.face // 6 == [box for _, box in expected]).all()
     assert set(hits.face // 6) == {0, 1, 2, 3}
 
 
@@ -315,12 +321,12 @@ def test_segments_are_blocked_by_solids():
     rng = np.random.default_rng(6)
     starts, ends = rng.uniform(ROOM.low, ROOM.high, (2, 400, 3))
     t = np.linspace(0, 1, 4001)[:, None]
-    marched = [
+    expected = [
         any(inside(s, a + t * (b - a)).any() for s in SOLIDS)
         for a, b in zip(starts, ends, strict=True)
     ]
     answer = are_blocked(SOLIDS, starts, ends - starts)
-    assert np.count_nonzero(answer != marched) <= 1  # one that cuts an edge by less than a step
+    assert np.count_nonzero(answer != expected) <= 1  # one that cuts an edge by less than a step
     assert 0.2 < answer.mean() < 0.8
 
 
