@@ -17,14 +17,14 @@ from playwright.sync_api import Browser, sync_playwright
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from screenshots import FLAGS, IMAGES, SCHEMES, save, served, sheet
 
-from tests.apps.studio.boards import ASKED, PLACES, png
+from tests.apps.studio.boards import BOARD_POSES, BOARD_REQUEST, png
 
 SIZE = {"width": 1280, "height": 1640}
 
 
 def pictures(folder: Path) -> list[Path]:
     """Photographs of a board all around a mirror."""
-    paths = [folder / f"view {i + 1}.png" for i in range(len(PLACES))]
+    paths = [folder / f"view {i + 1}.png" for i in range(len(BOARD_POSES))]
     for i, path in enumerate(paths):
         path.write_bytes(png(i))
     return paths
@@ -37,9 +37,9 @@ def calibrated(browser: Browser, address: str, paths: list[Path], scheme: str) -
     page.set_default_timeout(300_000)  # a busy machine takes its time
     page.goto(f"{address}#tab=calibrate")
     for name, value in (
-        ("Columns", ASKED["columns"]),
-        ("Rows", ASKED["rows"]),
-        ("Square, mm", ASKED["square_mm"]),
+        ("Columns", BOARD_REQUEST["columns"]),
+        ("Rows", BOARD_REQUEST["rows"]),
+        ("Square, mm", BOARD_REQUEST["square_mm"]),
     ):
         page.get_by_label(name, exact=True).fill(str(value))
     page.set_input_files("#calibrate-files", paths)

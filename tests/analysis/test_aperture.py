@@ -80,19 +80,21 @@ def test_bundles_originate_at_object(kind, object_distance):
     sensor = replace(sensor_of(kind), mirror_pose=TILTED.mirror_pose)
     low, high = sensor_of(kind).field_deg
     omega = np.linspace(low + 8, high - 8, 4) if high - low > 20 else [(low + high) / 2]
-    found = trace_bundles(sensor, omega, ray_bundles.hexapolar(3), 25.0, object_distance)
-    image = found.image_mm(sensor)
-    for i in range(len(found.omega_deg)):
-        back = sensor.optical_train.posed_mirror.trace(
-            *sensor.optical_train.rays_of_image(image[i], found.pupil.points)
+    bundles = trace_bundles(sensor, omega, ray_bundles.hexapolar(3), 25.0, object_distance)
+    image = bundles.image_mm(sensor)
+    for i in range(len(bundles.omega_deg)):
+        hits = sensor.optical_train.posed_mirror.trace(
+            *sensor.optical_train.rays_of_image(image[i], bundles.pupil.points)
         )
-        np.testing.assert_allclose(back.points, found.points[i], atol=1e-9)
-        towards = found.chief.to_targets[i]
+        np.testing.assert_allclose(hits.points, bundles.points[i], atol=1e-9)
+        direction = bundles.chief.to_targets[i]
         if np.isfinite(object_distance):
-            target = found.chief.points[i] + object_distance * towards
-            towards = (target - back.points) / np.linalg.norm(target - back.points, axis=1)[:, None]
+            target = bundles.chief.points[i] + object_distance * direction
+            direction = (target - hits.points) / np.linalg.norm(target - hits.points, axis=1)[
+                :, None
+            ]
         np.testing.assert_allclose(
-            back.directions, np.broadcast_to(towards, back.directions.shape), atol=1e-10
+            hits.directions, np.broadcast_to(direction, hits.directions.shape), atol=1e-10
         )
 
 
@@ -101,21 +103,21 @@ def test_bundles_originate_at_object(kind, object_distance):
 def test_real_rays_confirm_blur_formula(sensor, object_distance):
     """Marginal rays agree within 0.002 px; the whole fan differs by 0.008 px near zero blur, and
     for SVP by 0.04 px."""
-    found = om.check_blur(
+    result = om.check_blur(
         sensor, [4.0], omega_deg=np.arange(0, 131, 2.5), object_distance_mm=object_distance
     )
-    assert found.max_abs("edge_t_px")[0] < 0.002
-    assert found.max_abs("edge_s_px")[0] < 0.0025
-    assert found.max_abs("extent_t_px")[0] < (0.042 if sensor is SVP else 0.0085)
-    assert np.ptp(found.blur_t_px) > 1
+    assert result.max_abs("edge_t_px")[0] < 0.002
+    assert result.max_abs("edge_s_px")[0] < 0.0025
+    assert result.max_abs("extent_t_px")[0] < (0.042 if sensor is SVP else 0.0085)
+    assert np.ptp(result.blur_t_px) > 1
 
 
 def test_blur_formula_error_grows_with_aperture():
     """Coma increases with the square of the aperture, the marginal error (spherical aberration)
     with its cube."""
-    found = om.check_blur(SVP, [8.0, 4.0, 2.0, 1.0])
+    result = om.check_blur(SVP, [8.0, 4.0, 2.0, 1.0])
     for name, power in (("extent_t_px", 2), ("edge_t_px", 3)):
-        growth = found.max_abs(name)[1:] / found.max_abs(name)[:-1]
+        growth = result.max_abs(name)[1:] / result.max_abs(name)[:-1]
         np.testing.assert_allclose(growth, 2.0**power, rtol=0.15)
 
 
@@ -135,26 +137,26 @@ def test_defocus_spots_are_disks():
 def test_through_focus_spots_match_refocused_sensors():
     through = om.spots(TILTED, [30, 80], focus_mm=[200.0, 220.0], azimuth_deg=70.0)
     for j, focus in enumerate((200.0, 220.0)):
-        alone = om.spots(
+        single = om.spots(
             replace(TILTED, lens=TILTED.lens.focused_at(focus)), [30, 80], azimuth_deg=70.0
         )
-        np.testing.assert_allclose(through.t_px[:, j], alone.t_px[:, 0], atol=1e-9)
-        np.testing.assert_allclose(through.chief_px[:, j], alone.chief_px[:, 0], atol=1e-9)
+        np.testing.assert_allclose(through.t_px[:, j], single.t_px[:, 0], atol=1e-9)
+        np.testing.assert_allclose(through.chief_px[:, j], single.chief_px[:, 0], atol=1e-9)
 
 
 @pytest.mark.parametrize("rings", few([8, 12, 20], 12))
-@pytest.mark.parametrize("place", np.linspace(-0.97, 0.97, 9))
-def test_open_fraction_of_aperture_equals_area_fraction(rings, place):
+@pytest.mark.parametrize("position", np.linspace(-0.97, 0.97, 9))
+def test_open_fraction_of_aperture_equals_area_fraction(rings, position):
     """Straight edges have circular segments; an edge about the centre has the share of its radius squared."""
     disc = ray_bundles.hexapolar(rings)
-    away = np.hypot(*disc.points.T)
+    radius = np.hypot(*disc.points.T)
     for edge, truth in [
         (
-            disc.points @ [0.8, 0.6] - place,
-            (np.arccos(place) - place * np.sqrt(1 - place**2)) / np.pi,
+            disc.points @ [0.8, 0.6] - position,
+            (np.arccos(position) - position * np.sqrt(1 - position**2)) / np.pi,
         ),
-        (away - abs(place), 1 - place**2),
-        (np.where(away <= 1, place**2 - away**2, np.inf), place**2),
+        (radius - abs(position), 1 - position**2),
+        (np.where(radius <= 1, position**2 - radius**2, np.inf), position**2),
     ]:
         assert ray_bundles.unvignetted_fraction(disc, [edge], edge >= 0) == pytest.approx(
             truth, abs=0.45 / rings**2
@@ -176,19 +178,19 @@ def test_light_density_matches_parallel_beam():
     e1 = np.cross(d, [0.0, 1.0, 0.0])
     e2 = np.cross(d, e1)
     steps = np.linspace(-3, 3, 501)
-    across = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    starts = chief.points[0] + 200 * d + across @ [e1 / np.linalg.norm(e1), e2]
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    starts = chief.points[0] + 200 * d + offsets @ [e1 / np.linalg.norm(e1), e2]
     hits = sensor.optical_train.posed_mirror.trace(starts, np.broadcast_to(-d, starts.shape))
     t = (-sensor.mirror_distance_mm - hits.points[:, 2]) / hits.directions[:, 2]
-    places = (hits.points + t[:, None] * hits.directions)[:, :2] / sensor.lens.aperture_radius
-    places = places[hits.valid & (np.hypot(*places.T) < 1)]
-    assert len(places) > 3000
+    positions = (hits.points + t[:, None] * hits.directions)[:, :2] / sensor.lens.aperture_radius
+    positions = positions[hits.valid & (np.hypot(*positions.T) < 1)]
+    assert len(positions) > 3000
     # moments of the density over the aperture
     fine = trace_bundles(sensor, [omega], ray_bundles.gaussian(8))
     weights, points = fine.density[0] * fine.pupil.weights, fine.pupil.points
-    np.testing.assert_allclose(weights @ points, places.mean(axis=0), atol=2e-3)
+    np.testing.assert_allclose(weights @ points, positions.mean(axis=0), atol=2e-3)
     assert abs(weights @ points[:, 0]) > 0.01  # non-uniform, with a significant effect
-    np.testing.assert_allclose(weights @ points**2, (places**2).mean(axis=0), rtol=5e-3)
+    np.testing.assert_allclose(weights @ points**2, (positions**2).mean(axis=0), rtol=5e-3)
 
 
 # -- waves -------------------------------------------------------------------------------------
@@ -203,10 +205,10 @@ def test_wavefront_slope_matches_transverse_aberration(sensor, object_distance):
     bundles = trace_bundles(sensor, [0.0, 40.0, 80.0], FITTED, [0.0, 30.0, 200.0], object_distance)
     points, h = 0.9 * ray_bundles.gaussian(5).points, 1e-4
     for wave in wavefronts(bundles, sensor.lens.focus_distance_mm + 6.0):
-        _, landing, _ = wave.at(points)
+        _, positions, _ = wave.at(points)
         for axis, step in enumerate(h * np.eye(2)):
             slope = (wave.at(points + step)[0] - wave.at(points - step)[0]) / (2 * h)
-            expected = -landing[:, axis] / (2 * wave.f_numbers[axis])
+            expected = -positions[:, axis] / (2 * wave.f_numbers[axis])
             # the working F-number varies slightly across the aperture
             np.testing.assert_allclose(slope, expected, atol=0.02 * abs(expected).max() + 1e-7)
 
@@ -222,25 +224,27 @@ def test_wavefront_slope_matches_transverse_aberration(sensor, object_distance):
 def test_in_focus_mtf_is_diffraction_times_pixel(sensor, omega):
     nu = np.linspace(0, 2.4, 49)
     focus = in_focus(sensor, omega)
-    found = om.mtf(sensor, [omega], cycles_per_px=nu, focus_mm=focus)
+    result = om.mtf(sensor, [omega], cycles_per_px=nu, focus_mm=focus)
     focused = sensor.lens.focused_at(focus)
     F, cos = focused.image_f_number(), np.cos(np.radians(om.evaluate(sensor, [omega]).theta_deg[0]))
-    for mtf, f_number in ((found.tangential[0], F / cos**3), (found.sagittal[0], F / cos)):
+    for mtf, f_number in ((result.tangential[0], F / cos**3), (result.sagittal[0], F / cos)):
         pitch = sensor.imager.pitch_mm
         truth = diffraction_mtf(nu / pitch, 550e-6, f_number) * np.abs(np.sinc(nu))
         np.testing.assert_allclose(mtf, truth, atol=1e-3)
 
 
 @pytest.mark.parametrize(("sensor", "omega"), [(SPH, 0.0), (SPH, 60.0), (EDI, 90.0), (SVP, 30.0)])
-@pytest.mark.parametrize("off", [0.9, 1.1])
-def test_geometric_mtf_of_defocus_matches_disk(sensor, omega, off):
+@pytest.mark.parametrize("defocus", [0.9, 1.1])
+def test_geometric_mtf_of_defocus_matches_disk(sensor, omega, defocus):
     nu = np.linspace(1e-6, 1, 51)
-    focus = off * in_focus(sensor, omega)
+    focus = defocus * in_focus(sensor, omega)
     blur = om.evaluate(sensor, [omega], focus_mm=focus)
-    found = om.mtf(sensor, [omega], cycles_per_px=nu, focus_mm=focus, kind="geometric", pixel=False)
+    result = om.mtf(
+        sensor, [omega], cycles_per_px=nu, focus_mm=focus, kind="geometric", pixel=False
+    )
     for mtf, diameter in (
-        (found.tangential[0], blur.blur_t_px[0]),
-        (found.sagittal[0], blur.blur_s_px[0]),
+        (result.tangential[0], blur.blur_t_px[0]),
+        (result.sagittal[0], blur.blur_s_px[0]),
     ):
         z = np.pi * nu * abs(diameter)
         np.testing.assert_allclose(mtf, abs(2 * j1(z) / z), atol=5e-3)
@@ -261,9 +265,9 @@ def test_mtf_is_fourier_transform_of_psf(sensor, omega, azimuth):
     vignetted by the rim."""
     spot = om.psf(sensor, omega, azimuth_deg=azimuth, width_px=60.0, step_px=0.24)
     nu = np.array([0.0, 0.05, 0.1, 0.2, 0.4])
-    found = om.mtf(sensor, [omega], cycles_per_px=nu, azimuth_deg=azimuth, pixel=False)
+    result = om.mtf(sensor, [omega], cycles_per_px=nu, azimuth_deg=azimuth, pixel=False)
     step = 0.24**2
-    for axis, mtf in ((0, found.tangential[0]), (1, found.sagittal[0])):
+    for axis, mtf in ((0, result.tangential[0]), (1, result.sagittal[0])):
         line = spot.density.sum(axis=axis) * step
         transform = abs(np.exp(-2j * np.pi * np.outer(nu, spot.offset_px)) @ line)
         np.testing.assert_allclose(transform, mtf, atol=0.02)
@@ -308,7 +312,7 @@ def test_psf_averaged_over_pixels():
 
 def test_frequency_units_and_wavelengths():
     nu = np.array([0.0, 0.25, 0.5])
-    one, other, both = (
+    blue, red, both = (
         om.mtf(SPH, [90.0], cycles_per_px=nu, wavelength_nm=w)
         for w in (450.0, 650.0, [450.0, 650.0])
     )
@@ -318,7 +322,7 @@ def test_frequency_units_and_wavelengths():
         both.cycles_per_deg_t[0], nu * result.dh_domega_px_per_deg[0], rtol=1e-7
     )
     np.testing.assert_allclose(both.cycles_per_deg_s[0], nu * result.width_px_per_deg[0], rtol=1e-7)
-    assert other.tangential[0, 2] < both.tangential[0, 2] < one.tangential[0, 2]
+    assert red.tangential[0, 2] < both.tangential[0, 2] < blue.tangential[0, 2]
 
 
 @pytest.mark.parametrize("kind", few(sorted(MIRRORS), *FEW_MIRRORS, "equidistant"))
@@ -326,16 +330,16 @@ def test_mtf_of_all_mirrors_and_poses(kind):
     sensor = sensor_of(kind)
     low, high = sensor.field_deg
     omega = [0.4 * low + 0.6 * high]
-    straight = om.mtf(sensor, omega, cycles_per_px=[0.0, 0.1, 0.3])
-    bent = om.mtf(
+    aligned = om.mtf(sensor, omega, cycles_per_px=[0.0, 0.1, 0.3])
+    misaligned = om.mtf(
         replace(sensor, mirror_pose=MirrorPose(0.5, 0.2, 0.1, 0.3, -0.4)),
         omega,
         cycles_per_px=[0.0, 0.1, 0.3],
     )
-    for found in (straight, bent):
-        np.testing.assert_allclose(found.tangential[0, 0], 1, atol=1e-9)
-        assert (np.diff(found.sagittal) < 0.02).all()
-    assert abs(straight.tangential - bent.tangential).max() < 0.5
+    for result in (aligned, misaligned):
+        np.testing.assert_allclose(result.tangential[0, 0], 1, atol=1e-9)
+        assert (np.diff(result.sagittal) < 0.02).all()
+    assert abs(aligned.tangential - misaligned.tangential).max() < 0.5
 
 
 # -- illumination ------------------------------------------------------------------------------
@@ -350,21 +354,21 @@ def test_illumination_matches_formula(sensor):
     sensor = replace(sensor, lens=replace(sensor.lens, **narrow))
     omega = np.arange(0, sensor.field_deg[1] - 1, 15.0)
     result = om.evaluate(sensor, omega)
-    found = om.illumination(sensor, omega, reflectivity="aluminium", transmission=0.8)
+    illumination = om.illumination(sensor, omega, reflectivity="aluminium", transmission=0.8)
     R = reflectance(np.radians(result.gamma_deg), 0.96 + 6.69j)
     cos = np.cos(np.radians(result.theta_deg))
     np.testing.assert_allclose(
-        found.irradiance_sr,
+        illumination.irradiance_sr,
         np.pi * 0.8 * R * cos**4 / (4 * sensor.lens.image_f_number() ** 2),
         rtol=2e-4,
     )
-    np.testing.assert_allclose(found.filled, 1)
-    assert found.relative[0] == pytest.approx(1, rel=1e-4)
+    np.testing.assert_allclose(illumination.filled, 1)
+    assert illumination.relative[0] == pytest.approx(1, rel=1e-4)
 
 
 def test_half_illumination_at_rim():
-    found = om.illumination(SPH, [SPH.field_deg[1] - 1e-9])
-    assert found.filled[0] == pytest.approx(0.5, abs=0.03)
+    result = om.illumination(SPH, [SPH.field_deg[1] - 1e-9])
+    assert result.filled[0] == pytest.approx(0.5, abs=0.03)
 
 
 def test_metal_reflectance_follows_fresnel():
@@ -381,7 +385,7 @@ def test_metal_reflectance_follows_fresnel():
 
 
 @pytest.mark.parametrize(
-    ("ask", "error", "message"),
+    ("call", "error", "message"),
     [
         (
             lambda: om.spots(SPH, [140.0]),
@@ -443,31 +447,31 @@ def test_metal_reflectance_follows_fresnel():
         ),
     ],
 )
-def test_invalid_aperture_arguments_rejected(ask, error, message):
+def test_invalid_aperture_arguments_rejected(call, error, message):
     with pytest.raises(error, match=message):
-        ask()
+        call()
 
 
 def test_obscured_object_rejected():
     sensor = replace(om.load_sensor("paper-spherical"), housing=Housing(CameraBody(60.0)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = om.spots(sensor, [2.0, 60.0], focus_mm=[200.0, 212.0])
-        records = found.records()
+        result = om.spots(sensor, [2.0, 60.0], focus_mm=[200.0, 212.0])
+        records = result.records()
         for kind in ("diffraction", "geometric"):
             transfer = om.mtf(sensor, [2.0, 60.0], cycles_per_px=[0.0, 0.2], kind=kind)
             assert not transfer.tangential[0].any()
             assert transfer.tangential[1, 0] == pytest.approx(1.0)
             with pytest.raises(OutsideField, match="must not be obscured"):
                 om.psf(sensor, 2.0, kind=kind)
-    assert found.filled.tolist() == [0.0, pytest.approx(1.0)]
-    np.testing.assert_array_equal(found.weights[0], 0.0)
-    assert found.weights[1].sum() == pytest.approx(1.0)
+    assert result.filled.tolist() == [0.0, pytest.approx(1.0)]
+    np.testing.assert_array_equal(result.weights[0], 0.0)
+    assert result.weights[1].sum() == pytest.approx(1.0)
     for values in (
-        *found.extent_px(),
-        *found.rms_px(),
-        *found.centroid_px(),
-        found.encircled_energy([100.0])[..., 0],
+        *result.extent_px(),
+        *result.rms_px(),
+        *result.centroid_px(),
+        result.encircled_energy([100.0])[..., 0],
     ):
         np.testing.assert_array_equal(values[0], 0.0)
     assert all(np.isfinite(list(record.values())).all() for record in records)

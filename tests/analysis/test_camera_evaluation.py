@@ -22,33 +22,33 @@ def test_resolution_matches_projection(camera):
     table = om.evaluate_camera(camera)
     assert table.omega_deg[0] == 0.0
     assert np.radians(table.omega_deg[-1]) == pytest.approx(camera.omega_max)
-    ahead = -1.0 if camera.optics == "mirror" else 1.0
-    inside = slice(1, -1)
-    omega = np.radians(table.omega_deg[inside])
+    sign = -1.0 if camera.optics == "mirror" else 1.0
+    interior = slice(1, -1)
+    omega = np.radians(table.omega_deg[interior])
 
     def pixels(omega, phi):
         directions = [
             np.sin(omega) * np.cos(phi),
             np.sin(omega) * np.sin(phi),
-            ahead * np.cos(omega),
+            sign * np.cos(omega),
         ]
         return camera.image(np.stack(directions, axis=-1), distant=True).pixels
 
     areas = []
     for phi in np.arange(8) * np.pi / 4:
-        along = (pixels(omega + STEP, phi) - pixels(omega - STEP, phi)) / (2 * np.degrees(STEP))
-        around = (pixels(omega, phi + STEP) - pixels(omega, phi - STEP)) / (
+        radial = (pixels(omega + STEP, phi) - pixels(omega - STEP, phi)) / (2 * np.degrees(STEP))
+        azimuthal = (pixels(omega, phi + STEP) - pixels(omega, phi - STEP)) / (
             2 * np.degrees(STEP) * np.sin(omega)
         )[:, None]
-        areas.append(np.abs(along[:, 0] * around[:, 1] - along[:, 1] * around[:, 0]))
+        areas.append(np.abs(radial[:, 0] * azimuthal[:, 1] - radial[:, 1] * azimuthal[:, 0]))
         if camera.symmetry is not None:
             np.testing.assert_allclose(
-                np.linalg.norm(along, axis=1), table.dh_domega_px_per_deg[inside], rtol=1e-6
+                np.linalg.norm(radial, axis=1), table.dh_domega_px_per_deg[interior], rtol=1e-6
             )
             np.testing.assert_allclose(
-                np.linalg.norm(around, axis=1), table.width_px_per_deg[inside], rtol=1e-6
+                np.linalg.norm(azimuthal, axis=1), table.width_px_per_deg[interior], rtol=1e-6
             )
-    np.testing.assert_allclose(np.mean(areas, axis=0), table.area_px2[inside], rtol=0.03)
+    np.testing.assert_allclose(np.mean(areas, axis=0), table.area_px2[interior], rtol=0.03)
 
 
 def test_viewpoints_match_ray_axis_intersections():
@@ -57,11 +57,11 @@ def test_viewpoints_match_ray_axis_intersections():
     directions = np.radians(table.omega_deg)
     d = np.stack([0 * directions, np.sin(directions), -np.cos(directions)], axis=-1)
     rays = camera.backproject(camera.image(d, distant=True).pixels)
-    across, up = (
+    radial, axial = (
         np.hypot(*rays.directions[:, :2].T),
         rays.directions[:, 2],
     )  # it faces up: Z is that of the world
-    heights = rays.origins[:, 2] - np.hypot(*rays.origins[:, :2].T) / across * up
+    heights = rays.origins[:, 2] - np.hypot(*rays.origins[:, :2].T) / radial * axial
     np.testing.assert_allclose(table.viewpoint_z_mm, heights, atol=1e-9)
 
 
@@ -91,16 +91,16 @@ def test_skew_evaluation_matches_meridian():
 def test_estimated_parameters_are_free_in_model():
     """More or fewer parameters than usual: the direction error is that of the uncertainty in the
     file."""
-    usual = om.SensorModel(om.load_sensor("paper-spherical")).parameters
+    parameters = om.SensorModel(om.load_sensor("paper-spherical")).parameters
     sensor = misaligned()
     names = (*sensor.uncertainty.names, "mirror.radius_mm")
-    known = Uncertainty(names, np.diag([1e-4, 1e-4, 1e-6]))
-    built = replace(sensor, uncertainty=known)
+    uncertainty = Uncertainty(names, np.diag([1e-4, 1e-4, 1e-6]))
+    built = replace(sensor, uncertainty=uncertainty)
     assert [p.name for p in om.SensorModel(built).parameters] == list(names)
-    assert set(names) != {p.name for p in usual}
+    assert set(names) != {p.name for p in parameters}
     table = om.evaluate_camera(om.SensorModel(built), [60.0, 100.0])
-    fewer = om.evaluate_camera(om.SensorModel(sensor), [60.0, 100.0])
-    assert (table.direction_sigma_deg > fewer.direction_sigma_deg).all()
+    result = om.evaluate_camera(om.SensorModel(sensor), [60.0, 100.0])
+    assert (table.direction_sigma_deg > result.direction_sigma_deg).all()
 
 
 def misaligned():
@@ -117,28 +117,28 @@ def test_misaligned_sensor_evaluation():
     table = om.evaluate_camera(om.SensorModel(sensor, sensor.uncertainty.names), [60.0])
     phi = np.radians(np.arange(0, 360, 10))
 
-    def pixels(omega, turn=0.0):
-        seen = (
-            np.sin(omega) * np.cos(phi + turn),
-            np.sin(omega) * np.sin(phi + turn),
+    def pixels(omega, rotation_rad=0.0):
+        direction = (
+            np.sin(omega) * np.cos(phi + rotation_rad),
+            np.sin(omega) * np.sin(phi + rotation_rad),
             -np.cos(omega) + 0 * phi,
         )
-        found = sensor.project_directions(np.stack(seen, axis=-1) @ sensor.mount.rotation().T)
-        assert found.valid.all()
-        return found.pixels
+        image = sensor.project_directions(np.stack(direction, axis=-1) @ sensor.mount.rotation().T)
+        assert image.valid.all()
+        return image.pixels
 
     centre = sensor.project_directions(-sensor.mount.rotation()[:, 2][None]).pixels[0]
     step = np.radians(0.01)
-    along = np.linalg.norm(pixels(omega + step) - pixels(omega - step), axis=1) / 0.02
-    across = (
+    radial = np.linalg.norm(pixels(omega + step) - pixels(omega - step), axis=1) / 0.02
+    tangential = (
         np.linalg.norm(pixels(omega, step) - pixels(omega, -step), axis=1) / 0.02 / np.sin(omega)
     )
     assert table.h_px[0] == pytest.approx(
         np.linalg.norm(pixels(omega) - centre, axis=1).mean(), abs=1e-3
     )
-    assert table.dh_domega_px_per_deg[0] == pytest.approx(along.mean(), rel=1e-5)
-    assert table.width_px_per_deg[0] == pytest.approx(across.mean(), rel=1e-5)
-    assert table.azimuthal_variation_percent > 100 * np.abs(along / along.mean() - 1).max() > 0.01
+    assert table.dh_domega_px_per_deg[0] == pytest.approx(radial.mean(), rel=1e-5)
+    assert table.width_px_per_deg[0] == pytest.approx(tangential.mean(), rel=1e-5)
+    assert table.azimuthal_variation_percent > 100 * np.abs(radial / radial.mean() - 1).max() > 0.01
     sigmas = om.direction_uncertainty(sensor, pixels(omega))
     assert table.direction_sigma_deg[0] == pytest.approx(np.sqrt((sigmas**2).mean()), rel=1e-4)
 
@@ -154,10 +154,10 @@ def test_evaluate_command_describes_misalignment(tmp_path):
         tmp_path / "table.json",
     )
     assert run.returncode == 0, run.stderr
-    words = " ".join(run.stdout.split())
-    assert "decentred by 0.5 mm and tilted by 0.781 deg" in words
-    assert "omnimirror uncertainty" in words
+    output = " ".join(run.stdout.split())
+    assert "decentred by 0.5 mm and tilted by 0.781 deg" in output
+    assert "omnimirror uncertainty" in output
     assert '"azimuthal_variation_percent"' in (tmp_path / "table.json").read_text()
-    refused = omnimirror("evaluate", tmp_path / "built.toml", "--focus-mm", "auto")
-    assert refused.returncode == 2
-    assert "--focus-mm requires an aligned mirror" in " ".join(refused.stderr.split())
+    failure = omnimirror("evaluate", tmp_path / "built.toml", "--focus-mm", "auto")
+    assert failure.returncode == 2
+    assert "--focus-mm requires an aligned mirror" in " ".join(failure.stderr.split())

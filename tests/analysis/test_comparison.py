@@ -35,7 +35,7 @@ def table():
 
 
 @pytest.mark.parametrize(
-    ("key", "known"),
+    ("key", "expected"),
     [
         (
             "nonlinearity_percent",
@@ -56,9 +56,9 @@ def table():
         ),
     ],
 )
-def test_comparison_reference_values(table, key, known):
+def test_comparison_reference_values(table, key, expected):
     row = dict(zip(NAMES, table[key].values, strict=True))
-    assert {name: row[name] for name in known} == known
+    assert {name: row[name] for name in expected} == expected
 
 
 def test_worst_values_bound_evaluation(table):
@@ -78,14 +78,14 @@ def test_worst_values_bound_evaluation(table):
 def test_rows_follow_their_definitions(distance, table):
     """Reductions of the evaluation at 721 field angles; objects at 1 m for the single viewpoint."""
     sensors = SENSORS[1:4]
-    compared = table if np.isinf(distance) else om.compare(sensors, distance)
+    comparison = table if np.isinf(distance) else om.compare(sensors, distance)
     for i, sensor in enumerate(sensors, start=1 if np.isinf(distance) else 0):
         low, high = sensor.field_deg
         r = om.evaluate(sensor, np.linspace(low, high, 721))
         near = om.evaluate(sensor, np.linspace(low, high, 721), object_distance_mm=distance)
         h, w = r.h_px, r.omega_deg
         step, aspect = r.dh_domega_px_per_deg, r.aspect[np.isfinite(r.aspect)]
-        known = {
+        expected = {
             "field_from_deg": low,
             "field_to_deg": high,
             "sphere_coverage_percent": 50 * (np.cos(np.radians(low)) - np.cos(np.radians(high))),
@@ -113,18 +113,18 @@ def test_rows_follow_their_definitions(distance, table):
         }
         for surface in ("plane", "cylinder"):
             t, s = getattr(near, f"{surface}_t_mm_per_px"), near.object_s_mm_per_px
-            known[f"min_{surface}_mm_per_px"] = np.nanmin(np.where(t > s, t, s))
+            expected[f"min_{surface}_mm_per_px"] = np.nanmin(np.where(t > s, t, s))
         for key in ("blur_t_px", "blur_s_px", "blur_t_deg", "blur_s_deg", "floored_area_deg2"):
-            known[f"worst_{key}"] = np.abs(getattr(r, key)).max()
-        for key, value in known.items():
-            assert compared[key].values[i] == pytest.approx(value, rel=1e-10, abs=1e-12), key
-        assert compared["f_number"].values[i] == sensor.lens.f_number
-        assert compared["mirror"].values[i] == sensor.mirror.KIND
+            expected[f"worst_{key}"] = np.abs(getattr(r, key)).max()
+        for key, value in expected.items():
+            assert comparison[key].values[i] == pytest.approx(value, rel=1e-10, abs=1e-12), key
+        assert comparison["f_number"].values[i] == sensor.lens.f_number
+        assert comparison["mirror"].values[i] == sensor.mirror.KIND
         second = sensor.secondary
         if second is None:
-            length = sensor.mirror_distance_mm + known["sag_mm"]
-            assert compared["length_mm"].values[i] == pytest.approx(length, rel=1e-12)
-        assert compared["secondary"].values[i] == ("–" if second is None else second.mirror.KIND)
+            length = sensor.mirror_distance_mm + expected["sag_mm"]
+            assert comparison["length_mm"].values[i] == pytest.approx(length, rel=1e-12)
+        assert comparison["secondary"].values[i] == ("–" if second is None else second.mirror.KIND)
 
 
 @pytest.mark.parametrize("radius_mm", [60.0, 200.0])
@@ -134,9 +134,9 @@ def test_length_includes_second_mirror(radius_mm):
     second = replace(flat.secondary, mirror=Sphere(radius_mm, 20.5))
     folded = replace(flat, secondary=second)
     lens = folded.mirror_distance_mm - 2 * 86.0
-    far = 86.0 + radius_mm - np.sqrt(radius_mm**2 - 20.5**2)
+    vertex_mm = 86.0 + radius_mm - np.sqrt(radius_mm**2 - 20.5**2)
     near = max(lens, float(flat.mirror.sag(flat.mirror.rim_radius_mm)))
-    assert om.compare([folded])["length_mm"].values[0] == pytest.approx(near + far, rel=1e-12)
+    assert om.compare([folded])["length_mm"].values[0] == pytest.approx(near + vertex_mm, rel=1e-12)
 
 
 def test_best_values_marked(table):
@@ -211,8 +211,8 @@ def test_duplicate_names_numbered():
 )
 def test_full_field_study_matches_meridian(name):
     """A mirror misaligned by 1 nm: rays in space against the closed formulas of one meridian."""
-    drawn = om.load_sensor(name)
-    table = om.compare([drawn, replace(drawn, mirror_pose=MirrorPose(decentre_x_mm=1e-6))])
+    sensor = om.load_sensor(name)
+    table = om.compare([sensor, replace(sensor, mirror_pose=MirrorPose(decentre_x_mm=1e-6))])
     absolute = {
         "viewpoint_spread_mm": 1e-3,
         "single_viewpoint_error_px": 2e-2,
@@ -220,43 +220,43 @@ def test_full_field_study_matches_meridian(name):
     }
     for row in table.rows:
         if isinstance(row.values[0], float):
-            known, found = row.values
+            aligned, misaligned = row.values
             loose = {"best_focus_mm": 3e-3, "single_viewpoint_error_px": 1e-2}.get(row.name, 1e-3)
-            assert found == pytest.approx(
-                known, rel=loose, abs=absolute.get(row.name, 1e-6), nan_ok=True
+            assert misaligned == pytest.approx(
+                aligned, rel=loose, abs=absolute.get(row.name, 1e-6), nan_ok=True
             ), row.name
 
 
 @pytest.mark.full
 def test_misaligned_sensor_compared_over_full_image():
     """Compared with random directions through the projection, and with spots of the whole aperture."""
-    drawn = SENSORS[0]
+    nominal = SENSORS[0]
     built = replace(
-        drawn,
+        nominal,
         name="built",
         mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2),
-        imager=replace(drawn.imager, width_px=1200, height_px=1200),
+        imager=replace(nominal.imager, width_px=1200, height_px=1200),
     )
-    table = om.compare([built, drawn])
+    table = om.compare([built, nominal])
     assert table.notes == (
         "built: mirror decentred by 1.8 mm and tilted by 1.2 deg; compared over the full image, at all azimuths.",
     )
     value = {row.name: row.values[0] for row in table.rows}
-    chance = np.random.default_rng(4)
-    ways = chance.normal(size=(40_000, 3))
-    ways /= np.linalg.norm(ways, axis=1)[:, None]
-    seen = built.project_directions(ways).valid
-    assert value["sphere_coverage_percent"] == pytest.approx(100 * seen.mean(), abs=0.5)
-    omega = np.degrees(np.arccos(ways[seen] @ built.axis))
+    rng = np.random.default_rng(4)
+    directions = rng.normal(size=(40_000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    visible = built.project_directions(directions).valid
+    assert value["sphere_coverage_percent"] == pytest.approx(100 * visible.mean(), abs=0.5)
+    omega = np.degrees(np.arccos(directions[visible] @ built.axis))
     assert omega.max() <= value["field_to_deg"] <= omega.max() + 0.5
-    assert value["field_to_deg"] > drawn.field_deg[1] + 0.5  # larger to one side
+    assert value["field_to_deg"] > nominal.field_deg[1] + 0.5  # larger to one side
     # the image of a small step in any direction is between the smallest and the largest one
-    some = ways[seen][:3000]
-    step = np.cross(some, chance.normal(size=some.shape))
+    sample = directions[visible][:3000]
+    step = np.cross(sample, rng.normal(size=sample.shape))
     step *= 1e-4 / np.linalg.norm(step, axis=1)[:, None]
-    here, there = built.project_directions(some), built.project_directions(some + step)
-    both = here.valid & there.valid
-    scale = np.linalg.norm(there.pixels - here.pixels, axis=1)[both] / np.degrees(1e-4)
+    image, shifted = built.project_directions(sample), built.project_directions(sample + step)
+    both = image.valid & shifted.valid
+    scale = np.linalg.norm(shifted.pixels - image.pixels, axis=1)[both] / np.degrees(1e-4)
     sides = [
         table["min_dh_domega_px_per_deg"].values[0],
         table["max_dh_domega_px_per_deg"].values[0],
@@ -280,12 +280,12 @@ def test_rod_obscuration_angle_and_fraction():
     pixels = np.stack(
         np.meshgrid(np.arange(0, 1024, 2.0), np.arange(0, 1024, 2.0)), axis=-1
     ).reshape(-1, 2)
-    seen = rod.backproject(pixels)
-    hidden = np.logical_or.reduce(list(rod.obscured_by(pixels).values()))
-    angles = np.degrees(np.arccos(np.clip(-(seen.directions @ rod._axes)[:, 2], -1, 1)))
-    covered = hidden & ~np.isnan(angles)
+    rays = rod.backproject(pixels)
+    obscured = np.logical_or.reduce(list(rod.obscured_by(pixels).values()))
+    angles = np.degrees(np.arccos(np.clip(-(rays.directions @ rod._axes)[:, 2], -1, 1)))
+    covered = obscured & ~np.isnan(angles)
     assert table["obscured_percent"].values[1] == pytest.approx(
-        100 * hidden.sum() / (hidden | seen.valid).sum(), rel=0.02
+        100 * obscured.sum() / (obscured | rays.valid).sum(), rel=0.02
     )
     assert table["obscured_to_deg"].values[1] == pytest.approx(rod.obscured_to_deg)
     assert rod.obscured_to_deg != pytest.approx(table["obscured_percent"].values[1], rel=0.05)
@@ -303,13 +303,15 @@ def test_misaligned_obscuration_matches_pixels():
         mirror_pose=MirrorPose(1.0, -1.5, 0.0, 0.0, 1.2),
         housing=Housing(CameraBody(50.0)),
     )
-    (percent,) = om.compare([built])["obscured_percent"].values
+    (obscured_percent,) = om.compare([built])["obscured_percent"].values
     pixels = np.stack(
         np.meshgrid(np.arange(0, 1024, 4.0), np.arange(0, 1024, 4.0)), axis=-1
     ).reshape(-1, 2)
-    hidden = built.obscured_by(pixels)["camera"]
-    seen = built.backproject(pixels).valid
-    assert percent == pytest.approx(100 * hidden.sum() / (hidden | seen).sum(), rel=0.02)
+    obscured = built.obscured_by(pixels)["camera"]
+    visible = built.backproject(pixels).valid
+    assert obscured_percent == pytest.approx(
+        100 * obscured.sum() / (obscured | visible).sum(), rel=0.02
+    )
 
 
 def test_aligned_sensor_has_no_note():
@@ -320,16 +322,16 @@ def test_aligned_sensor_has_no_note():
 
 @pytest.mark.full  # rays in space over a mirror with a form error; the other notes are created in the same code
 def test_note_lists_misalignments_only():
-    bent = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
-    assert om.compare([bent]).notes == (
+    deformed = replace(SENSORS[0], name="bent", mirror_form=MirrorForm((5,), (2.0,)))
+    assert om.compare([deformed]).notes == (
         "bent: form error of the mirror; compared over the full image, at all azimuths.",
     )
 
 
 def test_untraceable_sensor_compared_as_aligned():
-    drawn = SENSORS[0]
-    leaning = replace(drawn, name="leaning", imager_pose=ImagerPose(tilt_x_deg=0.5))
-    table = om.compare([leaning, drawn])
+    nominal = SENSORS[0]
+    tilted = replace(nominal, name="leaning", imager_pose=ImagerPose(tilt_x_deg=0.5))
+    table = om.compare([tilted, nominal])
     assert table.notes == ("leaning: tilted or rotated imager; compared as an aligned sensor.",)
     assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
@@ -339,21 +341,21 @@ def test_misaligned_sensor_with_second_mirror_or_real_lens_compared_as_aligned()
         8.0, 212.0, (0.0, 1 / 25.84, 0.0), (10.0, 4.0, 0.0), (1.0, 1.5168, 1.0), 1, 25.0
     )
     thick = replace(SENSORS[0], lens=lens, mirror_distance_mm=220.0)
-    askew = MirrorPose(0.3, 0.4, tilt_y_deg=0.25)
-    for drawn, changes, note in (
+    pose = MirrorPose(0.3, 0.4, tilt_y_deg=0.25)
+    for nominal, changes, note in (
         (SENSORS[3], {"imager_pose": ImagerPose(rotation_deg=1.0)}, "tilted or rotated imager"),
-        (thick, {"mirror_pose": askew}, "mirror decentred by 0.5 mm and tilted by 0.25 deg"),
+        (thick, {"mirror_pose": pose}, "mirror decentred by 0.5 mm and tilted by 0.25 deg"),
     ):
-        table = om.compare([replace(drawn, name="askew", **changes), drawn])
+        table = om.compare([replace(nominal, name="askew", **changes), nominal])
         assert table.notes == (f"askew: {note}; compared as an aligned sensor.",)
         assert all(row.texts[0] == row.texts[1] for row in table.rows)
 
 
 @pytest.mark.parametrize("shell", [Dome(), Tube(130.0)])
 def test_covered_sensor_compared_as_aligned(shell):
-    drawn = replace(SENSORS[0], housing=Housing(shell=shell))
+    sensor = replace(SENSORS[0], housing=Housing(shell=shell))
     table = om.compare(
-        [replace(drawn, name="askew", mirror_pose=MirrorPose(tilt_x_deg=0.5)), drawn]
+        [replace(sensor, name="askew", mirror_pose=MirrorPose(tilt_x_deg=0.5)), sensor]
     )
     assert table.notes == (
         "askew: mirror decentred by 0 mm and tilted by 0.5 deg; compared as an aligned sensor.",

@@ -165,11 +165,11 @@ def test_focus_function_matches_evaluation(merit, mode, radius):
         middle, unit = (24.0, 3.0) if sensor.lens.TELECENTRIC else (1 / 215.0, 1e-4)
         function = focus_function(study, FOCUS_MERITS[merit], middle, unit)
         u = np.array([-1.0, -0.3, 0.4, 1.0])
-        found, slope, _ = function(u)
+        result, slope, _ = function(u)
         focus = sensor.lens.focus_coordinate(middle + unit * u)
-        wanted = np.array([FOCUS_MERITS[merit].value(study.at(f)) for f in focus])
+        expected = np.array([FOCUS_MERITS[merit].value(study.at(f)) for f in focus])
         np.testing.assert_allclose(
-            found, wanted if merit.startswith("mean") else wanted**2, rtol=1e-10
+            result, expected if merit.startswith("mean") else expected**2, rtol=1e-10
         )
         h = 1e-6
         np.testing.assert_allclose(
@@ -191,11 +191,13 @@ def test_focus_function_includes_lens_blur(merit):
     study = FocusStudy(sensor, rays, virtual_images(rays, 400.0), "exact", None, 550.0)
     middle = float(sensor.lens.focus_coordinate(sensor.lens.focus_distance_mm))
     blur = study.at(sensor.lens.focus_distance_mm)
-    own = sensor.lens.own_blur(study.ideal_height(sensor.lens))
-    np.testing.assert_allclose([blur.own_t_px, blur.own_s_px], np.array(own) / 5.2e-3, rtol=1e-12)
-    (found,) = focus_function(study, FOCUS_MERITS[merit], middle, 1e-4)(np.zeros(1))[0]
-    wanted = FOCUS_MERITS[merit].value(study.at(sensor.lens.focus_distance_mm))
-    assert found == pytest.approx(wanted if merit.startswith("mean") else wanted**2, rel=1e-10)
+    lens_blur = sensor.lens.own_blur(study.ideal_height(sensor.lens))
+    np.testing.assert_allclose(
+        [blur.own_t_px, blur.own_s_px], np.array(lens_blur) / 5.2e-3, rtol=1e-12
+    )
+    (result,) = focus_function(study, FOCUS_MERITS[merit], middle, 1e-4)(np.zeros(1))[0]
+    expected = FOCUS_MERITS[merit].value(study.at(sensor.lens.focus_distance_mm))
+    assert result == pytest.approx(expected if merit.startswith("mean") else expected**2, rel=1e-10)
 
 
 @pytest.mark.parametrize("distance", [100.0, 400.0])
@@ -214,10 +216,14 @@ def test_resolution_at_object_distance(shell, distance):
         """Radius and distance past the lens, in the meridian."""
         x, z, path = row.x_mm, -row.z_mm, distance
         if shell is not None:
-            inside = (51.0 - x) / np.sin(omega)
-            across = np.cos(omega) / 1.49
-            wall = 4.0 / np.sqrt(1 - across**2)
-            x, z, path = 55.0, z + inside * np.cos(omega) + wall * across, path - inside - wall
+            radial_mm = (51.0 - x) / np.sin(omega)
+            sine = np.cos(omega) / 1.49
+            wall = 4.0 / np.sqrt(1 - sine**2)
+            x, z, path = (
+                55.0,
+                z + radial_mm * np.cos(omega) + wall * sine,
+                path - radial_mm - wall,
+            )
         return np.stack([x + path * np.sin(omega), z + path * np.cos(omega)])
 
     omega = np.radians(angles)
@@ -225,12 +231,14 @@ def test_resolution_at_object_distance(shell, distance):
     np.testing.assert_allclose(
         r.width_px_per_deg, r.h_px * np.radians(1.0) * distance / radius, rtol=1e-9
     )
-    moved = object_point(high, omega + np.radians(step)) - object_point(
+    shift = object_point(high, omega + np.radians(step)) - object_point(
         low, omega - np.radians(step)
     )
-    across = moved[0] * np.cos(omega) - moved[1] * np.sin(omega)
+    transverse = shift[0] * np.cos(omega) - shift[1] * np.sin(omega)
     np.testing.assert_allclose(
-        r.dh_domega_px_per_deg, (high.h_px - low.h_px) * np.radians(distance) / across, rtol=1e-6
+        r.dh_domega_px_per_deg,
+        (high.h_px - low.h_px) * np.radians(distance) / transverse,
+        rtol=1e-6,
     )
     if shell is None:
         axis = om.evaluate(sensor, [0.0], object_distance_mm=distance)
@@ -241,7 +249,7 @@ def test_resolution_at_object_distance(shell, distance):
 
 @pytest.mark.parametrize("mode", ["Exact", "rubbish", "", None])
 def test_unknown_mode_rejected(mode):
-    for ask in (
+    for call in (
         lambda: om.best_focus(SPH, "worst_blur_px", mode=mode),
         lambda: om.evaluate(SPH, [0.0], mode=mode),
         lambda: LENS.blur(220.0, mode=mode),
@@ -251,7 +259,7 @@ def test_unknown_mode_rejected(mode):
         lambda: best_apertures(SPH, mode=mode),
     ):
         with pytest.raises(InvalidParameter, match="mode must be one of exact, paper; got "):
-            ask()
+            call()
 
 
 @pytest.mark.parametrize(
@@ -351,11 +359,11 @@ def test_cone_tip_has_no_best_focus():
             ):
                 om.best_focus(cone, merit, omega_deg=angles)
     inner = om.evaluate(cone, h_px=[0.1 * cone.rim_radius_px]).omega_deg[0]
-    usual = om.best_focus(cone)
+    best = om.best_focus(cone)
     expected = om.best_focus(cone, omega_deg=np.linspace(inner, high, 1001))
-    assert usual.focus_mm == pytest.approx(expected.focus_mm, rel=1e-9)
-    assert usual.value == pytest.approx(expected.value, rel=1e-9)
-    assert usual.merit == "worst_floored_area_deg2"
+    assert best.focus_mm == pytest.approx(expected.focus_mm, rel=1e-9)
+    assert best.value == pytest.approx(expected.value, rel=1e-9)
+    assert best.merit == "worst_floored_area_deg2"
 
 
 def test_blur_at_a_cone_tip_is_infinite():
@@ -385,17 +393,19 @@ def test_best_focus_defaults():
         SPH, object_distance_mm=np.full(1001, 400.0)
     )
     mean = "mean_floored_area_deg2"
-    one = om.best_focus(SPH, mean, omega_deg=90)
-    assert om.best_focus(SPH, mean, omega_deg=[90, 90, 90]).value == pytest.approx(one.value)
-    there = om.evaluate(SPH, [90.0], focus_mm=one.focus_mm)
-    assert one.value == pytest.approx(there.floored_area_deg2[0], rel=1e-12)
+    best = om.best_focus(SPH, mean, omega_deg=90)
+    assert om.best_focus(SPH, mean, omega_deg=[90, 90, 90]).value == pytest.approx(best.value)
+    result = om.evaluate(SPH, [90.0], focus_mm=best.focus_mm)
+    assert best.value == pytest.approx(result.floored_area_deg2[0], rel=1e-12)
 
 
 def test_focus_moves_with_a_displaced_mirror():
     """A telecentric lens is focused at distances from the nominal vertex."""
     telecentric = om.load_sensor("paraboloid-telecentric")
-    moved = replace(telecentric, mirror_pose=MirrorPose(displacement_mm=0.7))
-    assert om.best_focus(moved).focus_mm == pytest.approx(om.best_focus(telecentric).focus_mm + 0.7)
+    displaced = replace(telecentric, mirror_pose=MirrorPose(displacement_mm=0.7))
+    assert om.best_focus(displaced).focus_mm == pytest.approx(
+        om.best_focus(telecentric).focus_mm + 0.7
+    )
 
 
 def test_blocks_do_not_change_the_focus(monkeypatch):
@@ -403,16 +413,21 @@ def test_blocks_do_not_change_the_focus(monkeypatch):
     best = om.best_focus(SPH)
     for limit in (100, 30_000):
         monkeypatch.setattr(focus, "MAX_SINGLE_THREAD_PRODUCTS", limit)
-        found = om.best_focus(SPH)
-        assert (found.focus_mm, found.value) == pytest.approx((best.focus_mm, best.value), rel=1e-9)
+        blockwise = om.best_focus(SPH)
+        assert (blockwise.focus_mm, blockwise.value) == pytest.approx(
+            (best.focus_mm, best.value), rel=1e-9
+        )
 
 
-EVERY_DAY = ("paper-spherical", "paraboloid-telecentric")
+DEFAULT_SENSORS = ("paper-spherical", "paraboloid-telecentric")
 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=() if n in EVERY_DAY else pytest.mark.full) for n in bundled_sensors()],
+    [
+        pytest.param(n, marks=() if n in DEFAULT_SENSORS else pytest.mark.full)
+        for n in bundled_sensors()
+    ],
 )
 def test_best_focus_is_global_minimum(name):
     """The search for each merit against plain enumeration of evaluations."""
@@ -433,16 +448,16 @@ def test_best_focus_is_global_minimum(name):
 
     r = om.evaluate(bundled, angles)
     L = np.concatenate([r.distance_t_mm, r.distance_s_mm])
-    tried = [values(focus) for focus in np.linspace(L.min(), L.max(), 150)]
+    merits = [values(focus) for focus in np.linspace(L.min(), L.max(), 150)]
     for merit in FOCUS_MERITS:
         best = om.best_focus(bundled, merit)
-        here = values(best.focus_mm)[merit]
+        best_merit = values(best.focus_mm)[merit]
         # the mean over caps assigns each angle its whole neighbourhood, and is thus accurate to
         # second order only
-        assert here == pytest.approx(best.value, rel=1e-4 if merit.startswith("mean") else 1e-12), (
-            merit
-        )
-        assert here <= min(value[merit] for value in tried) * (1 + 1e-9), merit
+        assert best_merit == pytest.approx(
+            best.value, rel=1e-4 if merit.startswith("mean") else 1e-12
+        ), merit
+        assert best_merit <= min(value[merit] for value in merits) * (1 + 1e-9), merit
 
 
 def test_floored_area_lower_bound():
@@ -460,19 +475,19 @@ def test_best_focus_of_nearly_flat_mirror(name, curvature):
     sensor = replace(om.load_sensor(name), mirror=EvenPolynomial((curvature,), 20.0))
     best = om.best_focus(sensor)
     assert om.evaluate(sensor, focus_mm=best.focus_mm).focus_mm == best.focus_mm
-    farthest = sensor.lens.PARAMETERS["focus_distance_mm"].high
-    assert best.focus_mm == pytest.approx(min(1 / (4 * curvature), farthest), rel=0.05)
+    max_focus_mm = sensor.lens.PARAMETERS["focus_distance_mm"].high
+    assert best.focus_mm == pytest.approx(min(1 / (4 * curvature), max_focus_mm), rel=0.05)
 
 
 def test_best_focus_with_images_beyond_infinity():
     """The far-plane mirror to 80 deg has tangential images behind the lens; no focus of a fine scan
     is better."""
-    placed = generated_mirror("rectifying", RimRay(80.0, 12.0, 43.9))
-    sensor = replace(SPH, mirror=placed.mirror, mirror_distance_mm=placed.distance_mm)
+    mirror = generated_mirror("rectifying", RimRay(80.0, 12.0, 43.9))
+    sensor = replace(SPH, mirror=mirror.mirror, mirror_distance_mm=mirror.distance_mm)
     angles = np.linspace(0, sensor.field_deg[1], 301)
     best = om.best_focus(sensor, omega_deg=angles)
-    found = om.evaluate(sensor, angles)
-    assert found.distance_t_mm.min() < 0 < 5e3 < found.distance_t_mm.max()
+    result = om.evaluate(sensor, angles)
+    assert result.distance_t_mm.min() < 0 < 5e3 < result.distance_t_mm.max()
     for distance in 1 / np.linspace(1e-7, 1 / 60, 60):
         values = om.evaluate(sensor, angles, focus_mm=distance).floored_area_deg2
         assert values.max() >= best.value * (1 - 1e-9)
@@ -505,23 +520,23 @@ def test_blur_matches_real_ray_cone(sensor):
     result = om.evaluate(sensor, angles)
     radius = lens.focal_length_mm / lens.f_number / 2
     for i, omega in enumerate(np.radians(angles)):
-        landed = []
+        positions = []
         for side in (
             -radius,
             radius,
         ):  # the ray through (side, -m) with the incident direction omega
             low, high = result.x_mm[i] - 5.0, min(result.x_mm[i] + 5.0, mirror.rim_radius_mm * 1.02)
 
-            def misses(x, side=side, omega=omega):
+            def offset(x, side=side, omega=omega):
                 theta = np.arctan2(x - side, m + float(mirror.sag(x)))
                 return 2 * np.arctan(float(mirror.slope(x))) + theta - omega
 
             for _ in range(60):
                 middle = (low + high) / 2
-                low, high = (low, middle) if misses(middle) > 0 else (middle, high)
+                low, high = (low, middle) if offset(middle) > 0 else (middle, high)
             tangent = (low - side) / (m + float(mirror.sag(low)))
             # a thin lens deflects a ray at s by -s/f, and inverts the image
             b0 = lens.image_distance
-            landed.append(b0 * tangent - side * (1 - b0 / lens.focal_length_mm))
-        real_px = abs(landed[1] - landed[0]) / sensor.imager.pitch_mm
+            positions.append(b0 * tangent - side * (1 - b0 / lens.focal_length_mm))
+        real_px = abs(positions[1] - positions[0]) / sensor.imager.pitch_mm
         assert real_px == pytest.approx(abs(result.blur_t_px[i]), abs=0.05)

@@ -14,33 +14,37 @@ from omnimirror.analysis.ray_bundles import fibonacci, hexapolar, trace_bundles
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.lenses import Orthographic
 from omnimirror.optics.tracing.reflection import RayEndpoints
-from tests.analysis.test_two_mirrors import FOLDED, SENSORS, UNFOLDED, bounce, meet
+from tests.analysis.test_two_mirrors import FOLDED, SENSORS, UNFOLDED, bounce, intersect
 from tests.everyday import few
 
-INSIDE = [35.0, 60.0, 90.0, 120.0]
+ANGLES_DEG = [35.0, 60.0, 90.0, 120.0]
 
 
 @pytest.mark.parametrize("distance", [np.inf, 300.0])
 def test_flat_fold_spots_match_single_mirror(distance):
-    one, two = (
-        om.spots(s, INSIDE, focus_mm=[205.0, 212.0], object_distance_mm=distance, azimuth_deg=40.0)
+    single, folded = (
+        om.spots(
+            s, ANGLES_DEG, focus_mm=[205.0, 212.0], object_distance_mm=distance, azimuth_deg=40.0
+        )
         for s in (UNFOLDED, FOLDED)
     )
-    assert two.bundles.passes.all()
+    assert folded.bundles.passes.all()
     for name in ("t_px", "s_px", "weights", "chief_px"):
-        np.testing.assert_allclose(getattr(two, name), getattr(one, name), atol=1e-9, err_msg=name)
-    np.testing.assert_allclose(two.bundles.path, one.bundles.path, rtol=1e-14)
+        np.testing.assert_allclose(
+            getattr(folded, name), getattr(single, name), atol=1e-9, err_msg=name
+        )
+    np.testing.assert_allclose(folded.bundles.path, single.bundles.path, rtol=1e-14)
 
 
 @pytest.mark.full
 def test_flat_fold_mtf_and_psf_match_single_mirror():
-    one, two = (om.mtf(s, INSIDE[1:]) for s in (UNFOLDED, FOLDED))
-    np.testing.assert_allclose(two.tangential, one.tangential, atol=1e-9)
-    np.testing.assert_allclose(two.sagittal, one.sagittal, atol=1e-9)
+    single, folded = (om.mtf(s, ANGLES_DEG[1:]) for s in (UNFOLDED, FOLDED))
+    np.testing.assert_allclose(folded.tangential, single.tangential, atol=1e-9)
+    np.testing.assert_allclose(folded.sagittal, single.sagittal, atol=1e-9)
     assert om.psf(FOLDED, 60.0).strehl == pytest.approx(om.psf(UNFOLDED, 60.0).strehl, rel=1e-8)
 
 
-def ends_of(sensor):
+def field_limit_points(sensor):
     """Return the mirror points at the limits of the field."""
     return sensor.meridian.x_min, sensor.mirror.rim_radius_mm
 
@@ -59,12 +63,12 @@ def test_spot_widths_match_coddington_blur(kind, distance):
     sensor = small(SENSORS[kind])
     low, high = sensor.field_deg
     omega = np.linspace(low + 4, high - 2, 6)
-    found = om.spots(sensor, omega, pupil=hexapolar(6), object_distance_mm=distance)
+    result = om.spots(sensor, omega, pupil=hexapolar(6), object_distance_mm=distance)
     expected = om.evaluate(sensor, omega, object_distance_mm=distance)
-    assert found.bundles.passes.all()
-    np.testing.assert_allclose(found.chief_px[:, 0], expected.h_px, rtol=1e-12)
+    assert result.bundles.passes.all()
+    np.testing.assert_allclose(result.chief_px[:, 0], expected.h_px, rtol=1e-12)
     for width, blur in zip(
-        found.extent_px(), (expected.blur_t_px, expected.blur_s_px), strict=True
+        result.extent_px(), (expected.blur_t_px, expected.blur_s_px), strict=True
     ):
         np.testing.assert_allclose(width[:, 0], np.abs(blur), atol=2e-3)
 
@@ -83,13 +87,15 @@ def test_rays_from_objects_match_rays_from_pixels(kind):
         bundles.image_mm(sensor).reshape(-1, 2), aperture.reshape(-1, 2)
     )
     traced = sensor.optical_train.posed_mirror.trace(origins, directions)
-    passes = bundles.passes.ravel()
-    np.testing.assert_array_equal(traced.valid, passes)
-    assert passes.mean() > 0.9
-    towards = np.repeat(bundles.chief.to_targets, 30, axis=0)
-    np.testing.assert_allclose(traced.directions[passes], towards[passes], atol=1e-9)
+    is_transmitted = bundles.passes.ravel()
+    np.testing.assert_array_equal(traced.valid, is_transmitted)
+    assert is_transmitted.mean() > 0.9
+    to_targets = np.repeat(bundles.chief.to_targets, 30, axis=0)
     np.testing.assert_allclose(
-        traced.points[passes], bundles.points.reshape(-1, 3)[passes], atol=1e-7
+        traced.directions[is_transmitted], to_targets[is_transmitted], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        traced.points[is_transmitted], bundles.points.reshape(-1, 3)[is_transmitted], atol=1e-7
     )
 
 
@@ -101,24 +107,28 @@ def test_aperture_rays_reflect_twice(kind):
     to_secondary = sensor.mirror_distance_mm - second.distance_mm
     vertex = np.array([0.0, 0.0, to_secondary - second.distance_mm])
     rng = np.random.default_rng(5)
-    inner, outer = (sensor.image_height_px(sensor.meridian.trace(x)) for x in ends_of(sensor))
+    inner, outer = (
+        sensor.image_height_px(sensor.meridian.trace(x)) for x in field_limit_points(sensor)
+    )
     radius = rng.uniform(inner + 20, min(outer, 511.0) - 20, 5)
     phi = rng.uniform(0, 2 * np.pi, 5)
     pixels = sensor.imager.centre + np.stack([radius * np.cos(phi), radius * np.sin(phi)], axis=-1)
     pupil = rng.uniform(-0.7, 0.7, (5, 2))
     origins, directions, valid = sensor.aperture_rays(pixels, pupil)
     assert valid.all()
-    for pixel, at, origin, direction in zip(pixels, pupil, origins, directions, strict=True):
-        start = np.array([*(sensor.lens.aperture_radius * at), 0.0])
+    for pixel, pupil_point, origin, direction in zip(
+        pixels, pupil, origins, directions, strict=True
+    ):
+        start = np.array([*(sensor.lens.aperture_radius * pupil_point), 0.0])
         in_focus = np.array(
             [*((pixel - sensor.imager.centre) * sensor.imager.pitch_mm / b0 * L0), L0]
         )
         ray = (in_focus - start) / np.linalg.norm(in_focus - start)
-        hit = meet(
+        hit = intersect(
             lambda r: to_secondary + second.mirror.sag(r), start, ray, 1.1 * to_secondary / ray[2]
         )
         ray = bounce(lambda r: to_secondary + second.mirror.sag(r), hit, ray)
-        hit = meet(
+        hit = intersect(
             lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2]
         )
         ray = bounce(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray)
@@ -132,27 +142,34 @@ def test_aperture_rays_reflect_twice(kind):
 def test_light_density_follows_footprint(kind, distant):
     """Area covered on the mirror by a small displacement of the pupil point, by central
     differences."""
-    sensor, at, step = SENSORS[kind], np.array([[0.3, -0.5]]), 1e-4
-    towards = np.array([[0.6, 0.5, -np.cos(1.0)]])
-    target = RayEndpoints.of(towards if distant else 700.0 * towards, distant)
+    sensor, pupil_point, step = SENSORS[kind], np.array([[0.3, -0.5]]), 1e-4
+    direction = np.array([[0.6, 0.5, -np.cos(1.0)]])
+    target = RayEndpoints.of(direction if distant else 700.0 * direction, distant)
     mirror = sensor.optical_train.posed_mirror
 
-    def met(pupil):
+    def mirror_point(pupil):
         return mirror.specular(sensor.optical_train.entrance_pupil_points(pupil), target).points[
             0, :2
         ]
 
-    columns = [(met(at + step * e) - met(at - step * e)) / (2 * step) for e in np.eye(2)]
-    found = mirror.specular(sensor.optical_train.entrance_pupil_points(at), target)
+    columns = [
+        (mirror_point(pupil_point + step * e) - mirror_point(pupil_point - step * e)) / (2 * step)
+        for e in np.eye(2)
+    ]
+    reflection = mirror.specular(sensor.optical_train.entrance_pupil_points(pupil_point), target)
     area = abs(np.linalg.det(np.stack(columns)))
-    section = area * float(found.normals[0] @ found.to_targets[0]) / abs(found.normals[0, 2])
+    section = (
+        area
+        * float(reflection.normals[0] @ reflection.to_targets[0])
+        / abs(reflection.normals[0, 2])
+    )
     if not distant:
-        section /= float(np.sum((target.xyz - found.points) ** 2))
+        section /= float(np.sum((target.xyz - reflection.points) ** 2))
     beam = mirror.beam(
-        sensor.optical_train.entrance_pupil_points(at),
+        sensor.optical_train.entrance_pupil_points(pupil_point),
         target,
-        found,
-        sensor.lens.entrance_pupil_motion(at),
+        reflection,
+        sensor.lens.entrance_pupil_motion(pupil_point),
     )
     assert float(beam[0]) == pytest.approx(section, rel=1e-6)
 
@@ -177,16 +194,14 @@ def test_wavefront_vignetted_like_rays():
 
 def test_blurred_image_preserves_brightness():
     room = om.Room(texel_mm=40.0)
-    small_picture = replace(
+    small_image = replace(
         FOLDED, imager=replace(FOLDED.imager, width_px=96, height_px=96, pixel_pitch_um=55.0)
     )
-    sharp, blurred = (
-        om.expose(small_picture, room, samples=16, blur=blur) for blur in (False, True)
-    )
+    sharp, blurred = (om.expose(small_image, room, samples=16, blur=blur) for blur in (False, True))
     u, v = np.meshgrid(np.arange(96.0), np.arange(96.0))
     inner, outer = (
-        small_picture.image_height_px(small_picture.meridian.trace(x))
-        for x in ends_of(small_picture)
+        small_image.image_height_px(small_image.meridian.trace(x))
+        for x in field_limit_points(small_image)
     )
     radius = np.hypot(u - 47.5, v - 47.5)
     ring = (radius > inner + 4) & (radius < outer - 4)

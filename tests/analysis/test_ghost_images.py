@@ -15,7 +15,7 @@ from omnimirror.simulation.pixel_rays import scene_through_shell
 SPH = om.load_sensor("paper-spherical")
 
 
-class Asked:
+class RayRecorder:
     """Black scene that records the requested rays."""
 
     def __init__(self):
@@ -32,23 +32,23 @@ class Asked:
 def test_ghosts_match_rendered_images(shell):
     sensor = replace(SPH, housing=Housing(shell=shell))
     omega = np.arange(np.ceil(sensor.clear_field_deg[0]) + 1, 130.0, 3.0)
-    found = om.ghosts(sensor, omega)
-    assert np.isfinite(found.ghost_omega_deg).any()
+    result = om.ghosts(sensor, omega)
+    assert np.isfinite(result.ghost_omega_deg).any()
     for i, angle in enumerate(omega):
         x = sensor.meridian.x_from_omega(np.radians([angle]))
         rays = sensor.meridian.trace(x)
-        inside = np.array([[np.sin(rays.reflected[0]), 0.0, -np.cos(rays.reflected[0])]])
-        turn = sensor.mount.rotation()
-        scene = Asked()
+        direction = np.array([[np.sin(rays.reflected[0]), 0.0, -np.cos(rays.reflected[0])]])
+        rotation = sensor.mount.rotation()
+        scene = RayRecorder()
         scene_through_shell(sensor, scene).radiance(
-            np.array([[x[0], 0.0, rays.z[0]]]) @ turn.T, inside @ turn.T
+            np.array([[x[0], 0.0, rays.z[0]]]) @ rotation.T, direction @ rotation.T
         )
-        direct, ghost = scene.directions[0] @ turn, scene.directions[1] @ turn
+        direct, ghost = scene.directions[0] @ rotation, scene.directions[1] @ rotation
         assert np.degrees(np.arctan2(direct[0, 0], -direct[0, 2])) == pytest.approx(angle, abs=1e-6)
-        assert len(ghost) == np.isfinite(found.ghost_omega_deg[i])
+        assert len(ghost) == np.isfinite(result.ghost_omega_deg[i])
         if len(ghost):
             assert np.degrees(np.arctan2(ghost[0, 0], -ghost[0, 2])) == pytest.approx(
-                found.ghost_omega_deg[i], abs=1e-4
+                result.ghost_omega_deg[i], abs=1e-4
             )
 
 
@@ -57,16 +57,16 @@ def test_tube_reflectance_follows_fresnel():
     reflections."""
     n = 1.5
     side = ((n - 1) / (n + 1)) ** 2
-    thrown = 1 - (1 - side) / (1 + side)
+    reflected = 1 - (1 - side) / (1 + side)
     sensor = replace(
         om.load_sensor("paraboloid-telecentric"),
         housing=Housing(shell=Tube(90.0, refractive_index=n)),
     )
-    found = om.ghosts(sensor, [89.99])
-    assert found.passed_percent[0] == pytest.approx(100 * (1 - thrown), abs=1e-4)
-    found = om.ghosts(replace(SPH, housing=Housing(shell=Tube(120.0, refractive_index=n))), [60.0])
-    assert found.ghost_omega_deg[0] == pytest.approx(-60.0, abs=1e-9)
-    assert found.ghost_percent[0] == pytest.approx(100 - found.passed_percent[0], abs=1e-9)
+    result = om.ghosts(sensor, [89.99])
+    assert result.passed_percent[0] == pytest.approx(100 * (1 - reflected), abs=1e-4)
+    result = om.ghosts(replace(SPH, housing=Housing(shell=Tube(120.0, refractive_index=n))), [60.0])
+    assert result.ghost_omega_deg[0] == pytest.approx(-60.0, abs=1e-9)
+    assert result.ghost_percent[0] == pytest.approx(100 - result.passed_percent[0], abs=1e-9)
 
 
 def test_ghosts_require_wall():

@@ -17,8 +17,8 @@ from tests.everyday import few
 WAVE = 550e-6  # mm
 PITCH = 5.2e-3
 NU = np.array([0.1, 0.2, 0.4, 0.6])
-SIDE = 241  # rays across the pupil
-SOLVED = 1e-11
+PUPIL_SAMPLES = 241  # rays across the pupil
+MAX_STEP = 1e-11
 
 
 def conic(mirror):
@@ -31,7 +31,7 @@ def conic(mirror):
     return 0.0, 0.0
 
 
-def meet(c, k, p, d):
+def intersect(c, k, p, d):
     """Return the intersections (n, 3) of rays with z = sag(r) about the origin, and normals, by the
     quadratic equation."""
     a = c * (d[:, 0] ** 2 + d[:, 1] ** 2 + (1 + k) * d[:, 2] ** 2)
@@ -64,7 +64,7 @@ def out_of(sensor, start, d):
     p = start
     if second is not None:
         to_second = m - second.distance_mm
-        q, n = meet(*conic(second.mirror), p - [0, 0, to_second], d)
+        q, n = intersect(*conic(second.mirror), p - [0, 0, to_second], d)
         q[:, 2] += to_second
         blocked |= np.hypot(q[:, 0], q[:, 1]) > second.mirror.rim_radius_mm
         path, d2 = np.linalg.norm(q - p, axis=1), bounce(d, n)
@@ -75,35 +75,37 @@ def out_of(sensor, start, d):
         r = np.hypot
         edge = float(sensor.mirror.sag(np.array(second.bore_radius_mm)))
         if lens_z > edge:
-            at = p + ((edge - p[:, 2]) / d0[:, 2])[:, None] * d0
-            blocked |= r(at[:, 0], at[:, 1]) > second.bore_radius_mm
-        hit, n = meet(*conic(sensor.mirror), q, d)
-        at = q + ((np.minimum(hit[:, 2], lens_z) - q[:, 2]) / d[:, 2])[:, None] * d
-        blocked |= r(at[:, 0], at[:, 1]) < second.bore_radius_mm
+            point = p + ((edge - p[:, 2]) / d0[:, 2])[:, None] * d0
+            blocked |= r(point[:, 0], point[:, 1]) > second.bore_radius_mm
+        hit, n = intersect(*conic(sensor.mirror), q, d)
+        point = q + ((np.minimum(hit[:, 2], lens_z) - q[:, 2]) / d[:, 2])[:, None] * d
+        blocked |= r(point[:, 0], point[:, 1]) < second.bore_radius_mm
         rim = second.mirror.rim_radius_mm
         rim_z = -second.distance_mm - float(second.mirror.sag(np.array(rim)))
     else:
         q, d0 = p - [0, 0, m], d
-        hit, n = meet(*conic(sensor.mirror), q, d)
+        hit, n = intersect(*conic(sensor.mirror), q, d)
     path = path + np.linalg.norm(hit - q, axis=1)
-    out = bounce(d, n)
+    outgoing = bounce(d, n)
     blocked |= np.hypot(hit[:, 0], hit[:, 1]) > sensor.mirror.rim_radius_mm
     if second is not None:
-        at = hit + ((rim_z - hit[:, 2]) / out[:, 2])[:, None] * out
-        blocked |= (out[:, 2] < 0) & (np.hypot(at[:, 0], at[:, 1]) < rim)
+        point = hit + ((rim_z - hit[:, 2]) / outgoing[:, 2])[:, None] * outgoing
+        blocked |= (outgoing[:, 2] < 0) & (np.hypot(point[:, 0], point[:, 1]) < rim)
     if (camera := sensor.housing.camera) is not None:
-        at = hit + ((camera.height_mm - m - hit[:, 2]) / out[:, 2])[:, None] * out
-        blocked |= (out[:, 2] < 0) & (np.hypot(at[:, 0], at[:, 1]) < camera.diameter_mm / 2)
-    return path, hit, out, blocked
+        point = hit + ((camera.height_mm - m - hit[:, 2]) / outgoing[:, 2])[:, None] * outgoing
+        blocked |= (outgoing[:, 2] < 0) & (
+            np.hypot(point[:, 0], point[:, 1]) < camera.diameter_mm / 2
+        )
+    return path, hit, outgoing, blocked
 
 
 def pupil_grid(reach=1.0):
-    u = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1
+    u = (np.arange(PUPIL_SAMPLES) + 0.5) / PUPIL_SAMPLES * 2 - 1
     disc = reach * np.stack(np.meshgrid(u, u, indexing="ij"), axis=-1).reshape(-1, 2)
-    return disc, 2 * reach / SIDE
+    return disc, 2 * reach / PUPIL_SAMPLES
 
 
-def towards(hit, target):
+def object_directions(hit, target):
     """Return unit vectors (n, 3) from mirror points to an object: a direction, or with a distance a
     point."""
     if isinstance(target, tuple):
@@ -112,38 +114,40 @@ def towards(hit, target):
     return np.broadcast_to(target, hit.shape)
 
 
-def slopes_towards(sensor, places, target, guess):
+def solve_slopes(sensor, points, target, initial_slope):
     """Return slopes (n, 2) of the rays from pupil points (n, 2) that leave towards an object, by
     Newton's method."""
-    slopes = np.broadcast_to(guess, places.shape).copy()
-    start = np.column_stack([places, np.zeros(len(places))])
+    slopes = np.broadcast_to(initial_slope, points.shape).copy()
+    start = np.column_stack([points, np.zeros(len(points))])
 
-    def out(s):
+    def trace(s):
         d = np.column_stack([s, np.ones(len(s))])
         return out_of(sensor, start, d / np.linalg.norm(d, axis=1)[:, None])
 
-    def missed(s):
-        _, hit, leaving, _ = out(s)
-        return leaving - towards(hit, target)
+    def residual(s):
+        _, hit, outgoing, _ = trace(s)
+        return outgoing - object_directions(hit, target)
 
     h = 1e-6
     for _ in range(30):
-        by = [(missed(slopes + h * e) - missed(slopes - h * e)) / (2 * h) for e in np.eye(2)]
-        a = np.stack(by, axis=-1)
-        miss = missed(slopes)
+        derivatives = [
+            (residual(slopes + h * e) - residual(slopes - h * e)) / (2 * h) for e in np.eye(2)
+        ]
+        a = np.stack(derivatives, axis=-1)
+        error = residual(slopes)
         step = np.linalg.solve(
-            np.einsum("nij,nik->njk", a, a), np.einsum("nij,ni->nj", a, miss)[..., None]
+            np.einsum("nij,nik->njk", a, a), np.einsum("nij,ni->nj", a, error)[..., None]
         )[..., 0]
         slopes -= step
-        if np.nanmax(np.abs(step)) < SOLVED:
+        if np.nanmax(np.abs(step)) < MAX_STEP:
             break
-    return slopes, out(slopes)
+    return slopes, trace(slopes)
 
 
-def flux(places_of, disc, step):
+def flux(points, disc, step):
     """Return the beam cross-section (n,) of a distant object per pupil area, by differences on the
     square grid."""
-    p = places_of.reshape(SIDE, SIDE, 3)
+    p = points.reshape(PUPIL_SAMPLES, PUPIL_SAMPLES, 3)
     by_u, by_v = np.gradient(p, step, axis=(0, 1))
     return by_u.reshape(-1, 3), by_v.reshape(-1, 3)
 
@@ -159,12 +163,12 @@ def line_mtf(light, phase, steps, nu, wave_mm=WAVE):
     side = len(light)
     wave = np.sqrt(light) * np.exp(2j * np.pi / wave_mm * phase)
     density = np.abs(np.fft.fft2(wave, (2 * side, 2 * side))) ** 2
-    found = []
+    mtf = []
     for axis, step in enumerate(steps):
         otf = np.fft.ifft(density.sum(axis=1 - axis))[:side]
         cycles_per_mm = np.arange(side) * step / wave_mm
-        found.append(np.abs(CubicSpline(cycles_per_mm, otf / otf[0])(nu / PITCH)))
-    return np.array(found)
+        mtf.append(np.abs(CubicSpline(cycles_per_mm, otf / otf[0])(nu / PITCH)))
+    return np.array(mtf)
 
 
 def huygens(sensor, omega_deg, nu=NU, distance=np.inf, focus=None):
@@ -177,36 +181,36 @@ def huygens(sensor, omega_deg, nu=NU, distance=np.inf, focus=None):
     theta = np.linspace(0.001, 0.45, 4000)
     d = np.column_stack([np.sin(theta), 0 * theta, np.cos(theta)])
     with np.errstate(invalid="ignore"):
-        away = np.linalg.norm(out_of(sensor, np.zeros((len(d), 3)), d)[2] - target, axis=1)
-    guess = np.array([np.tan(theta[np.nanargmin(away)]), 0.0])
-    chief, way = slopes_towards(sensor, np.zeros((1, 2)), target, guess)
-    to_object = target if np.isinf(distance) else (way[1][0] + distance * target,)
+        deviation = np.linalg.norm(out_of(sensor, np.zeros((len(d), 3)), d)[2] - target, axis=1)
+    initial_slope = np.array([np.tan(theta[np.nanargmin(deviation)]), 0.0])
+    chief, chief_path = solve_slopes(sensor, np.zeros((1, 2)), target, initial_slope)
+    to_object = target if np.isinf(distance) else (chief_path[1][0] + distance * target,)
 
-    def path_of(way):
-        path, hit, _, _ = way
+    def path_of(chief_path):
+        path, hit, _, _ = chief_path
         return path + (
             -hit @ target if np.isinf(distance) else np.linalg.norm(to_object[0] - hit, axis=1)
         )
 
     disc, step = pupil_grid()
-    _, leaving = slopes_towards(sensor, radius * disc, to_object, chief[0])
-    _, hit, out, blocked = leaving
-    assert np.abs(out - towards(hit, to_object)).max() < 1e-8
+    _, pupil_rays = solve_slopes(sensor, radius * disc, to_object, chief[0])
+    _, hit, outgoing, blocked = pupil_rays
+    assert np.abs(outgoing - object_directions(hit, to_object)).max() < 1e-8
     in_focus = focus * np.array([*chief[0], 1.0])
     start = np.column_stack([radius * disc, np.zeros(len(disc))])
     ideal = np.linalg.norm(start - in_focus, axis=1) - np.linalg.norm(in_focus)
-    phase = path_of(leaving) - path_of(way)[0] - ideal
+    phase = path_of(pupil_rays) - path_of(chief_path)[0] - ideal
     by_u, by_v = flux(hit, disc, step)
-    light = np.abs((np.cross(by_u, by_v) * out).sum(axis=1))
+    light = np.abs((np.cross(by_u, by_v) * outgoing).sum(axis=1))
     if np.isfinite(distance):
         light = light / np.linalg.norm(to_object[0] - hit, axis=1) ** 2
-    open_ = (np.hypot(*disc.T) <= 1) & ~blocked
+    is_clear = (np.hypot(*disc.T) <= 1) & ~blocked
     F = focus * lens.focal_length_mm / (focus - lens.focal_length_mm) / (2 * radius)
     cos = 1 / np.hypot(1.0, chief[0, 0])
-    square = (SIDE, SIDE)
+    square = (PUPIL_SAMPLES, PUPIL_SAMPLES)
     steps = step * cos**3 / (2 * F), step * cos / (2 * F)
-    found = line_mtf((light * open_).reshape(square), phase.reshape(square), steps, nu)
-    return found * np.sinc(nu), open_.sum() / (np.hypot(*disc.T) <= 1).sum()
+    mtf = line_mtf((light * is_clear).reshape(square), phase.reshape(square), steps, nu)
+    return mtf * np.sinc(nu), is_clear.sum() / (np.hypot(*disc.T) <= 1).sum()
 
 
 def folded(f_number, bore):
@@ -215,7 +219,7 @@ def folded(f_number, bore):
     return om.Sensor(Sphere(50.0, 40.0), lens, imager, mirror_distance_mm=152.0, secondary=second)
 
 
-def at(name, f_number):
+def sensor_at(name, f_number):
     sensor = om.load_sensor(name)
     return replace(sensor, lens=replace(sensor.lens, f_number=f_number))
 
@@ -224,41 +228,41 @@ CASES = {
     "narrow bore": (folded(2.0, 2.0), 50.0),
     "wide bore": (folded(2.0, 5.0), 50.0),
     "middle bore": (folded(2.0, 3.1), 75.0),
-    "hyperboloidal": (at("folded-hyperboloidal", 2.0), 60.0),
-    "hyperboloidal, fast": (at("folded-hyperboloidal", 1.4), 100.0),
-    "spherical, fast": (at("folded-spherical", 1.0), 70.0),
-    "spherical, where its field begins": (at("folded-spherical", 4.0), 13.3),
-    "at the rim": (at("paper-spherical", 4.0), 134.8),
+    "hyperboloidal": (sensor_at("folded-hyperboloidal", 2.0), 60.0),
+    "hyperboloidal, fast": (sensor_at("folded-hyperboloidal", 1.4), 100.0),
+    "spherical, fast": (sensor_at("folded-spherical", 1.0), 70.0),
+    "spherical, where its field begins": (sensor_at("folded-spherical", 4.0), 13.3),
+    "at the rim": (sensor_at("paper-spherical", 4.0), 134.8),
     "past the camera": (
-        replace(at("paper-spherical", 2.8), housing=Housing(CameraBody(60.0))),
+        replace(sensor_at("paper-spherical", 2.8), housing=Housing(CameraBody(60.0))),
         8.5,
     ),
 }
 
-NEAR = {
+NEAR_CASES = {
     "narrow bore": (2.0, 300.0, 175.87),
     "wide bore": (5.0, 300.0, 175.87),
     "nearer": (2.0, 50.0, 176.5),
 }
 
 
-@pytest.mark.parametrize("case", few(NEAR, "narrow bore"))
+@pytest.mark.parametrize("case", few(NEAR_CASES, "narrow bore"))
 def test_near_object_mtf_matches_huygens_integral(case):
     """The bore also vignettes waves of near objects, focused at the tangential image of one."""
-    bore, distance, focus = NEAR[case]
+    bore, distance, focus = NEAR_CASES[case]
     truth, _ = huygens(folded(2.0, bore), 50.0, distance=distance, focus=focus)
-    found = om.mtf(
+    result = om.mtf(
         folded(2.0, bore), [50.0], cycles_per_px=NU, object_distance_mm=distance, focus_mm=focus
     )
-    np.testing.assert_allclose([found.tangential[0], found.sagittal[0]], truth, atol=0.005)
+    np.testing.assert_allclose([result.tangential[0], result.sagittal[0]], truth, atol=0.005)
 
 
 @pytest.mark.parametrize("case", few(CASES, "narrow bore", "hyperboloidal", "past the camera"))
 def test_mtf_matches_huygens_integral(case):
     sensor, omega = CASES[case]
     truth, filled = huygens(sensor, omega)
-    found = om.mtf(sensor, [omega], cycles_per_px=NU, wavelength_nm=WAVE * 1e6)
-    np.testing.assert_allclose([found.tangential[0], found.sagittal[0]], truth, atol=0.005)
+    result = om.mtf(sensor, [omega], cycles_per_px=NU, wavelength_nm=WAVE * 1e6)
+    np.testing.assert_allclose([result.tangential[0], result.sagittal[0]], truth, atol=0.005)
     assert om.spots(sensor, [omega]).filled[0] == pytest.approx(filled, abs=0.003)
     if case != "wide bore":
         assert filled < 0.999

@@ -70,8 +70,8 @@ def test_equidistant_mirrors_are_linear():
         exact.dh_domega_px_per_deg, exact.dh_domega_px_per_deg[0], rtol=1e-11
     )
     paper = om.evaluate(EDI, FIELD)
-    off = paper.h_px - paper.h_px[-1] * FIELD / 135
-    assert np.abs(off).max() / paper.h_px[-1] == pytest.approx(0.0049, abs=5e-5)
+    nonlinearity_px = paper.h_px - paper.h_px[-1] * FIELD / 135
+    assert np.abs(nonlinearity_px).max() / paper.h_px[-1] == pytest.approx(0.0049, abs=5e-5)
 
 
 @pytest.mark.parametrize("sensor", [SPH, EDI, SVP], ids=["SPH", "E-DI", "SVP"])
@@ -104,15 +104,15 @@ def test_characteristics_of_a_conformal_mapping():
     expected = rate * np.pi / 180
     for t, s in ((1.0, 1.0), (2.0, 4.0)):
         parallax = () if t == 1 else (t, s)
-        found = imaging_characteristics(omega, 100 * np.tan(omega / 2), rate, *parallax)
-        np.testing.assert_allclose(found.height, expected / t, rtol=1e-12)
-        np.testing.assert_allclose(found.width, expected / s, rtol=1e-12)
-        np.testing.assert_allclose(found.area, expected**2 / (s * t), rtol=1e-12)
-        np.testing.assert_allclose(found.aspect, t / s, rtol=1e-12)
+        result = imaging_characteristics(omega, 100 * np.tan(omega / 2), rate, *parallax)
+        np.testing.assert_allclose(result.height, expected / t, rtol=1e-12)
+        np.testing.assert_allclose(result.width, expected / s, rtol=1e-12)
+        np.testing.assert_allclose(result.area, expected**2 / (s * t), rtol=1e-12)
+        np.testing.assert_allclose(result.aspect, t / s, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("distance", "shown"),
+    ("distance", "text"),
     [
         (0.0, "0"),
         (-0.5, "-0.5"),
@@ -123,11 +123,11 @@ def test_characteristics_of_a_conformal_mapping():
         (-np.inf, "-inf"),
     ],
 )
-def test_virtual_images_require_positive_distances(distance, shown):
+def test_virtual_images_require_positive_distances(distance, text):
     rays = trace_chief_rays(Sphere(50.0, 44.0), 180.0, [10.0, 20.0])
     with pytest.raises(
         InvalidParameter,
-        match=f"^object_distance_mm must be greater than 0, or inf; got {shown}$",
+        match=f"^object_distance_mm must be greater than 0, or inf; got {text}$",
     ):
         virtual_images(rays, distance)
     assert virtual_images(rays, [0.5, 1e-3]).object_distance.tolist() == [0.5, 1e-3]
@@ -146,10 +146,10 @@ def test_images_on_both_sides_of_the_axis_are_symmetric(m, distance):
     cos = np.cos(right.gamma)
     np.testing.assert_allclose(1 / images.q_t - 1 / distance, 2 / (50 * cos), rtol=1e-12)
     np.testing.assert_allclose(1 / images.q_s - 1 / distance, 2 * cos / 50, rtol=1e-12)
-    behind = np.sin(right.theta), np.cos(right.theta)
+    backward = np.sin(right.theta), np.cos(right.theta)
     for q, x, z in ((images.q_t, images.x_t, images.z_t), (images.q_s, images.x_s, images.z_s)):
-        np.testing.assert_allclose(x, right.x + q * behind[0], rtol=1e-12)
-        np.testing.assert_allclose(z, right.z + q * behind[1], rtol=1e-12)
+        np.testing.assert_allclose(x, right.x + q * backward[0], rtol=1e-12)
+        np.testing.assert_allclose(z, right.z + q * backward[1], rtol=1e-12)
     mirrored = virtual_images(left, distance)
     np.testing.assert_allclose([mirrored.x_t, mirrored.x_s], [-images.x_t, -images.x_s], rtol=1e-12)
     np.testing.assert_allclose([mirrored.z_t, mirrored.z_s], [images.z_t, images.z_s], rtol=1e-12)
@@ -213,15 +213,15 @@ def test_single_viewpoint_error_exact(name, n, worst):
     fine = np.linspace(0, sensor.field_deg[1], 40001)
     heights = om.evaluate(sensor, fine).h_px * scale
 
-    def worst_of(v0):
+    def max_error(v0):
         apparent = np.degrees(np.arctan2(x, v0 - z))
         return np.abs(
             sensor.image_height_px(rays) * scale - np.interp(apparent, fine, heights)
         ).max()
 
-    assert worst_of(best.z_mm) == pytest.approx(worst, rel=1e-3)
-    around = best.z_mm + M * np.linspace(-0.02, 0.02, 81)
-    assert min(worst_of(v0) for v0 in around) >= best.worst_px * (1 - 1e-3)
+    assert max_error(best.z_mm) == pytest.approx(worst, rel=1e-3)
+    viewpoints = best.z_mm + M * np.linspace(-0.02, 0.02, 81)
+    assert min(max_error(v0) for v0 in viewpoints) >= best.worst_px * (1 - 1e-3)
 
 
 @pytest.mark.parametrize("name", ["spherical", "equidistant"])
@@ -244,9 +244,9 @@ def test_input_kinds_give_equal_rows():
     phi = np.radians(30)
     by_pixel = om.evaluate(SPH, pixels=511.5 + by_angle.h_px[:, None] * [np.cos(phi), np.sin(phi)])
     for name, column in by_angle.columns().items():
-        for other in (by_x, by_h, by_pixel):
+        for result in (by_x, by_h, by_pixel):
             np.testing.assert_allclose(
-                getattr(other, name), column, rtol=1e-9, atol=1e-9, err_msg=name
+                getattr(result, name), column, rtol=1e-9, atol=1e-9, err_msg=name
             )
 
 
@@ -257,9 +257,9 @@ def test_scaled_image_uses_scaled_pixels(flipped):
     mount = replace(SPH.mount, image_flipped=flipped)
     for sensor in (SPH, replace(SPH, lens=lens, mount=mount)):
         by_angle = om.evaluate(sensor, [0.0, 45.0, 135.0], image_radius_px=500)
-        again = om.evaluate(sensor, h_px=by_angle.h_px, image_radius_px=500)
-        np.testing.assert_allclose(again.h_px, by_angle.h_px, atol=1e-9)
-        np.testing.assert_allclose(again.omega_deg, by_angle.omega_deg, atol=1e-9)
+        result = om.evaluate(sensor, h_px=by_angle.h_px, image_radius_px=500)
+        np.testing.assert_allclose(result.h_px, by_angle.h_px, atol=1e-9)
+        np.testing.assert_allclose(result.omega_deg, by_angle.omega_deg, atol=1e-9)
     assert om.evaluate(SPH, h_px=[500.0], image_radius_px=500).omega_deg[0] == pytest.approx(
         SPH.field_deg[1]
     )
@@ -278,9 +278,9 @@ def test_rows_follow_input_order():
 
 
 def test_object_distances_per_row():
-    together = om.evaluate(SPH, [60.0, 60.0], object_distance_mm=[5 * M, np.inf])
-    assert together.q_t_mm[0] == om.evaluate(SPH, [60.0], object_distance_mm=5 * M).q_t_mm[0]
-    assert together.q_t_mm[1] == om.evaluate(SPH, [60.0]).q_t_mm[0]
+    result = om.evaluate(SPH, [60.0, 60.0], object_distance_mm=[5 * M, np.inf])
+    assert result.q_t_mm[0] == om.evaluate(SPH, [60.0], object_distance_mm=5 * M).q_t_mm[0]
+    assert result.q_t_mm[1] == om.evaluate(SPH, [60.0]).q_t_mm[0]
 
 
 @pytest.mark.parametrize(
@@ -372,17 +372,20 @@ def test_cone_rays_pass_virtual_pinhole_ring(m):
     radius, height = cone.pinhole_ring(m)
     x = np.linspace(1, 43.9, 12)
     phi = np.linspace(0, 6, 12)
-    across, up = np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=-1), np.array([0.0, 0.0, 1.0])
+    radial, axial = (
+        np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=-1),
+        np.array([0.0, 0.0, 1.0]),
+    )
     tangent = np.tan(np.radians(50.0))
-    hits = x[:, None] * across + (x * tangent)[:, None] * up
-    normals = (tangent * across - up) / np.hypot(tangent, 1)
-    from_lens = hits + m * up
-    out = from_lens - 2 * (from_lens * normals).sum(axis=1, keepdims=True) * normals
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    to_pinhole = -radius * across + height * up - hits  # on the far side of the axis
-    np.testing.assert_allclose(np.cross(to_pinhole, out), 0, atol=1e-11 * m)
+    points = x[:, None] * radial + (x * tangent)[:, None] * axial
+    normals = (tangent * radial - axial) / np.hypot(tangent, 1)
+    from_lens = points + m * axial
+    reflected = from_lens - 2 * (from_lens * normals).sum(axis=1, keepdims=True) * normals
+    reflected /= np.linalg.norm(reflected, axis=1, keepdims=True)
+    to_pinhole = -radius * radial + height * axial - points  # on the far side of the axis
+    np.testing.assert_allclose(np.cross(to_pinhole, reflected), 0, atol=1e-11 * m)
     result = om.evaluate(sensor, x_mm=x, object_distance_mm=700.0)
-    np.testing.assert_allclose(np.cos(np.radians(result.omega_deg)), -out[:, 2], atol=1e-13)
+    np.testing.assert_allclose(np.cos(np.radians(result.omega_deg)), -reflected[:, 2], atol=1e-13)
     assert np.isinf(result.radius_t_mm).all()
     np.testing.assert_allclose(result.q_t_mm, 700.0, rtol=1e-13)  # a plane mirror in the meridian
     np.testing.assert_allclose(result.radius_s_mm, x / np.sin(np.radians(50.0)), rtol=1e-13)
@@ -408,19 +411,22 @@ def test_cone_single_viewpoint_only_at_tip():
 @pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
 def test_subset_of_angles_gives_equal_rows(name):
     sensor = om.load_sensor(name)
-    whole = om.evaluate(
+    result = om.evaluate(
         sensor, [10.0, 40.0, 70.0, 90.0], object_distance_mm=[500.0, 600.0, 700.0, 800.0]
     )
-    some, alone = whole[1:3], om.evaluate(sensor, [40.0, 70.0], object_distance_mm=[600.0, 700.0])
-    assert len(some) == 2
-    assert np.array_equal(some.object_distance_mm, alone.object_distance_mm)
-    for column, values in alone.columns().items():
-        np.testing.assert_allclose(some.columns()[column], values, rtol=1e-12)
+    subset, separate = (
+        result[1:3],
+        om.evaluate(sensor, [40.0, 70.0], object_distance_mm=[600.0, 700.0]),
+    )
+    assert len(subset) == 2
+    assert np.array_equal(subset.object_distance_mm, separate.object_distance_mm)
+    for column, values in separate.columns().items():
+        np.testing.assert_allclose(subset.columns()[column], values, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["paper-hyperboloidal", "paraboloid-telecentric"])
 def test_virtual_images_match_evaluation(name):
     sensor = om.load_sensor(name)
     far, near = om.evaluate(sensor), om.evaluate(sensor, object_distance_mm=220.0)
-    for told, true in zip(image_curves(far, 220.0), image_curves(near), strict=True):
-        np.testing.assert_allclose(told, true, rtol=1e-12)
+    for curve, expected in zip(image_curves(far, 220.0), image_curves(near), strict=True):
+        np.testing.assert_allclose(curve, expected, rtol=1e-12)

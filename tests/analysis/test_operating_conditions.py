@@ -25,12 +25,12 @@ ACRYLIC = om.Thermal(mirror_material="acrylic", spacer_material="aluminium", ima
 @pytest.mark.parametrize("kind", sorted(MIRRORS))
 def test_mirror_expands_uniformly(kind):
     mirror, factor = sensor_of(kind).mirror, 1.0028
-    grown = mirror.scaled(factor)
+    expanded = mirror.scaled(factor)
     x = np.linspace(0.0, 0.999 * mirror.rim_radius_mm, 300)
-    np.testing.assert_allclose(grown.sag(factor * x), factor * mirror.sag(x), atol=1e-12)
-    np.testing.assert_allclose(grown.slope(factor * x), mirror.slope(x), atol=1e-12)
+    np.testing.assert_allclose(expanded.sag(factor * x), factor * mirror.sag(x), atol=1e-12)
+    np.testing.assert_allclose(expanded.slope(factor * x), mirror.slope(x), atol=1e-12)
     np.testing.assert_allclose(
-        grown.curvature(factor * x), mirror.curvature(x) / factor, rtol=1e-9, atol=1e-12
+        expanded.curvature(factor * x), mirror.curvature(x) / factor, rtol=1e-9, atol=1e-12
     )
 
 
@@ -44,12 +44,16 @@ def test_acrylic_ball_on_aluminium_spacer_shifts_image():
         mirror_distance_mm=BALL.mirror_distance_mm * (1 + 40 * 23.6e-6),
     )
     omega = np.radians(np.linspace(1.0, BALL.field_deg[1] - 0.5, 60))
-    away = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1) @ BALL._axes.T
-    moved = by_hand.project_directions(away).pixels - BALL.project_directions(away).pixels
-    worst = np.hypot(*moved.T).max()
+    directions = np.stack([np.sin(omega), 0 * omega, -np.cos(omega)], axis=-1) @ BALL._axes.T
+    shift = (
+        by_hand.project_directions(directions).pixels - BALL.project_directions(directions).pixels
+    )
+    worst = np.hypot(*shift.T).max()
     assert worst == pytest.approx(0.77, abs=0.01)
     np.testing.assert_allclose(
-        warm.project_directions(away).pixels, by_hand.project_directions(away).pixels, atol=1e-9
+        warm.project_directions(directions).pixels,
+        by_hand.project_directions(directions).pixels,
+        atol=1e-9,
     )
     assert om.thermal_motion_px(replace(BALL, thermal=ACRYLIC), 60.0) == pytest.approx(
         worst, rel=0.01
@@ -65,17 +69,17 @@ def test_equal_expansion_leaves_image_unchanged():
         "imager_ppm_per_k",
         "focal_ppm_per_k",
     )
-    alike = replace(BALL, thermal=om.Thermal(**dict.fromkeys(names, 23.6)))
-    assert om.thermal_motion_px(alike, 80.0) < 1e-9
+    uniform = replace(BALL, thermal=om.Thermal(**dict.fromkeys(names, 23.6)))
+    assert om.thermal_motion_px(uniform, 80.0) < 1e-9
     assert (
         om.thermal_motion_px(
-            replace(alike, thermal=replace(alike.thermal, focal_ppm_per_k=0.0)), 80.0
+            replace(uniform, thermal=replace(uniform.thermal, focal_ppm_per_k=0.0)), 80.0
         )
         < 1e-9
     )
     assert (
         om.thermal_motion_px(
-            replace(alike, thermal=replace(alike.thermal, mount_ppm_per_k=0.0)), 80.0
+            replace(uniform, thermal=replace(uniform.thermal, mount_ppm_per_k=0.0)), 80.0
         )
         > 0.3
     )
@@ -85,21 +89,21 @@ def test_held_rim_keeps_position():
     warm = om.at_temperature(
         replace(BALL, thermal=replace(ACRYLIC, held_at="rim", spacer_material=None)), 60.0
     )
-    places = [
+    heights = [
         s.mirror_distance_mm + float(s.mirror.sag(s.mirror.rim_radius_mm)) for s in (BALL, warm)
     ]
-    assert places[0] == pytest.approx(places[1], abs=1e-9)
+    assert heights[0] == pytest.approx(heights[1], abs=1e-9)
 
 
 def test_mount_expansion_shifts_imager_and_focus():
     thermal = om.Thermal(mount_ppm_per_k=100.0, focal_ppm_per_k=30.0)
     warm = om.at_temperature(replace(BALL, thermal=thermal), 30.0).lens
     f = BALL.lens.focal_length_mm * (1 + 10 * 30e-6)
-    behind = (
+    image_distance = (
         1 / (1 / BALL.lens.focal_length_mm - 1 / BALL.lens.focus_distance_mm) * (1 + 10 * 100e-6)
     )
     assert warm.focal_length_mm == pytest.approx(f, rel=1e-12)
-    assert 1 / f - 1 / warm.focus_distance_mm == pytest.approx(1 / behind, rel=1e-12)
+    assert 1 / f - 1 / warm.focus_distance_mm == pytest.approx(1 / image_distance, rel=1e-12)
 
 
 def test_wall_expands_and_index_decreases():
@@ -116,23 +120,23 @@ def test_wall_expands_and_index_decreases():
 
 def test_temperature_round_trip():
     sensor = replace(BALL, thermal=replace(ACRYLIC, mount_material="brass", focal_ppm_per_k=20.0))
-    back = om.at_temperature(om.at_temperature(sensor, 60.0), 20.0)
-    assert back.mirror_distance_mm == pytest.approx(sensor.mirror_distance_mm, rel=2e-6)
-    assert back.thermal == sensor.thermal
+    result = om.at_temperature(om.at_temperature(sensor, 60.0), 20.0)
+    assert result.mirror_distance_mm == pytest.approx(sensor.mirror_distance_mm, rel=2e-6)
+    assert result.thermal == sensor.thermal
     assert om.at_temperature(sensor, 20.0) is sensor
 
 
 def test_thermal_file_round_trip(tmp_path):
     sensor = replace(BALL, thermal=replace(ACRYLIC, held_at="rim", reference_c=0.0))
-    again = om.parse_sensor(format_sensor(sensor))
-    assert again.thermal == sensor.thermal
+    copy = om.parse_sensor(format_sensor(sensor))
+    assert copy.thermal == sensor.thermal
     assert om.parse_sensor(format_sensor(BALL)).thermal is None
     with pytest.raises(SpecError, match=r"mirror_material.*acrylic"):
         om.parse_sensor(format_sensor(sensor).replace('"acrylic"', '"cheese"'))
 
 
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    ("call", "message"),
     [
         (
             lambda: om.at_temperature(BALL, 60.0),
@@ -168,14 +172,14 @@ def test_thermal_file_round_trip(tmp_path):
         ),
     ],
 )
-def test_invalid_conditions_rejected(make, sentence):
-    with pytest.raises(InvalidParameter, match=sentence):
-        make()
+def test_invalid_conditions_rejected(call, message):
+    with pytest.raises(InvalidParameter, match=message):
+        call()
 
 
 def test_temperature_range_ends_at_requirement_limit():
     sensor = replace(om.load_sensor("paper-spherical"), thermal=ACRYLIC)
-    wanted = om.Requirements(
+    requirements = om.Requirements(
         field=om.FieldRequirements(omega_max_deg=130.0),
         mirror=om.MirrorRequirements(family="sphere", rim_radius_mm=43.905),
         lens=om.LensRequirements(theta_max_deg=12.0),
@@ -183,30 +187,30 @@ def test_temperature_range_ends_at_requirement_limit():
     )
     at_50 = next(
         row
-        for row in om.check_requirements(wanted, om.at_temperature(sensor, 50.0)).rows
+        for row in om.check_requirements(requirements, om.at_temperature(sensor, 50.0)).rows
         if row.is_limit
     )
-    wanted = replace(wanted, limits=(om.Limit("total_blur_px", at_most=at_50.reached),))
-    found = om.temperature_range(wanted, sensor, coldest_c=-40.0, warmest_c=85.0)
-    assert found.high_c == pytest.approx(50.0, abs=0.15)
-    for c, met in ((found.high_c - 0.2, True), (found.high_c + 0.2, False), (-39.0, True)):
+    requirements = replace(requirements, limits=(om.Limit("total_blur_px", at_most=at_50.reached),))
+    result = om.temperature_range(requirements, sensor, coldest_c=-40.0, warmest_c=85.0)
+    assert result.high_c == pytest.approx(50.0, abs=0.15)
+    for c, is_met in ((result.high_c - 0.2, True), (result.high_c + 0.2, False), (-39.0, True)):
         blur = next(
             row
-            for row in om.check_requirements(wanted, om.at_temperature(sensor, c)).rows
+            for row in om.check_requirements(requirements, om.at_temperature(sensor, c)).rows
             if row.is_limit
         )
-        assert blur.is_met is met
-    assert found.low_c == -40.0
-    assert (found.below, found.above) == ((), ("total_blur_px",))
-    missed = om.temperature_range(
-        replace(wanted, limits=(om.Limit("total_blur_px", at_most=1.0),)), sensor
+        assert blur.is_met is is_met
+    assert result.low_c == -40.0
+    assert (result.below, result.above) == ((), ("total_blur_px",))
+    infeasible = om.temperature_range(
+        replace(requirements, limits=(om.Limit("total_blur_px", at_most=1.0),)), sensor
     )
-    assert np.isnan(missed.low_c)
+    assert np.isnan(infeasible.low_c)
     with pytest.raises(
         InvalidParameter,
         match=r"must enclose the reference temperature of the sensor, 20 C; got 30 and 40",
     ):
-        om.temperature_range(wanted, sensor, coldest_c=30.0, warmest_c=40.0)
+        om.temperature_range(requirements, sensor, coldest_c=30.0, warmest_c=40.0)
 
 
 def test_command_line_reports_image_motion(tmp_path):
@@ -225,9 +229,9 @@ def test_command_line_reports_image_motion(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "image motion between 20 C and 60 C: up to 0.768 px" in " ".join(done.stdout.split())
     assert json.loads((tmp_path / "a.json").read_text())
-    refused = omnimirror("evaluate", "prototype-spherical", "--temperature-c", 60)
-    assert refused.returncode not in (0, 70)
-    assert "add a table [thermal]" in refused.stderr
+    failure = omnimirror("evaluate", "prototype-spherical", "--temperature-c", 60)
+    assert failure.returncode not in (0, 70)
+    assert "add a table [thermal]" in failure.stderr
 
 
 # Expansion near room temperature, 1e-6/K, and density, g/cm^3; a second copy of the table, which

@@ -22,7 +22,7 @@ WAVE = 587.5618e-6  # mm
 NU = np.array([0.1, 0.2, 0.4])
 
 
-CLEAR = {1: 1.75, 6: 1.55}  # mm, radii of vignetting surfaces
+CLEAR_RADII_MM = {1: 1.75, 6: 1.55}  # radii of vignetting surfaces
 
 
 def sensor_of(folder, clear, key="CLAP", second=None):
@@ -47,11 +47,11 @@ class Rays:
     """Rays of a distant object via ball points through the triplet, with their optical path
     lengths."""
 
-    def __init__(self, omega_deg, places, to_imager):
+    def __init__(self, omega_deg, points, to_imager):
         """``places`` (n, 2) are ball points across its axis, mm; lens frame with s towards the
         imager."""
         n, omega = own.indices(), np.radians(omega_deg)
-        x, y = places.T
+        x, y = points.T
         centre = np.array([0.0, 0.0, -M - A])
         p = np.stack([x, y, centre[2] + np.sqrt(A**2 - x**2 - y**2)], axis=-1)
         normal = (p - centre) / A
@@ -65,16 +65,18 @@ class Rays:
         vertex, self.reach = 0.0, {}
         for i, radius in enumerate(own.RADII):
             to = p - np.array([0.0, 0.0, vertex + radius])
-            along = (to * d).sum(axis=1)
-            step = -along - np.sign(radius) * np.sqrt(along**2 - (to**2).sum(axis=1) + radius**2)
+            projection = (to * d).sum(axis=1)
+            step = -projection - np.sign(radius) * np.sqrt(
+                projection**2 - (to**2).sum(axis=1) + radius**2
+            )
             p, path = p + step[:, None] * d, path + n[i] * step
             self.reach[i + 1] = np.hypot(*p[:, :2].T)
             if i + 1 == own.STOP:
                 self.stop = p[:, :2]
             normal = (np.array([0.0, 0.0, vertex + radius]) - p) / radius
-            along = (d * normal).sum(axis=1)[:, None]
-            across = n[i] / n[i + 1] * (d - along * normal)
-            d = across + np.sqrt(1 - (across**2).sum(axis=1))[:, None] * normal
+            projection = (d * normal).sum(axis=1)[:, None]
+            transverse = n[i] / n[i + 1] * (d - projection * normal)
+            d = transverse + np.sqrt(1 - (transverse**2).sum(axis=1))[:, None] * normal
             vertex += own.GAPS[i] if i < len(own.RADII) - 1 else to_imager
         step = (vertex - p[:, 2]) / d[:, 2]
         self.image, self.cosines, self.path = (p + step[:, None] * d)[:, :2], d[:, :2], path + step
@@ -88,21 +90,21 @@ def blocked_by_fold(rays, distance, radius, bore):
     second mirror at -distance.
     """
 
-    def distance_at(height, start, way):
-        step = (height - start[:, 2]) / way[:, 2]
-        return np.hypot(*(start + step[:, None] * way)[:, :2].T)
+    def distance_at(height, start, direction):
+        step = (height - start[:, 2]) / direction[:, 2]
+        return np.hypot(*(start + step[:, None] * direction)[:, :2].T)
 
-    turn = np.array([1.0, 1.0, -1.0])
-    start, way = rays.met * turn - [0, 0, M], rays.towards_lens * turn
+    flip = np.array([1.0, 1.0, -1.0])
+    start, direction = rays.met * flip - [0, 0, M], rays.towards_lens * flip
     lens, edge = M - 2 * distance, A - np.sqrt(A**2 - bore**2)
-    blocked = distance_at(-distance, start, way) > radius
+    blocked = distance_at(-distance, start, direction) > radius
     blocked |= (
-        distance_at(np.minimum(start[:, 2], lens), start, way) < bore
+        distance_at(np.minimum(start[:, 2], lens), start, direction) < bore
     )  # bore in front of the second mirror
     if lens > edge:  # through the bore after the second mirror
-        blocked |= distance_at(-2 * distance - edge, start, way) > bore
-    out = -rays.incoming * turn
-    blocked |= (out[:, 2] < 0) & (distance_at(-distance, start, out) < radius)
+        blocked |= distance_at(-2 * distance - edge, start, direction) > bore
+    outgoing = -rays.incoming * flip
+    blocked |= (outgoing[:, 2] < 0) & (distance_at(-distance, start, outgoing) < radius)
     return blocked
 
 
@@ -113,13 +115,13 @@ def bundle(omega_deg, side, reach=1.15):
     radius = stop_radius(to_imager)
     omega, step = np.radians(omega_deg), 1e-6
 
-    def passing(x):
+    def height(x):
         """Return the height in a plane within the lens, without the glass."""
         p, d = own.off_sphere(omega, 0.0, (x, 0.0), A, M)
         return (p + (2.5 - p[2]) / d[2] * d)[0]
 
     middle = np.array(
-        [brentq(passing, *(A * np.sin(omega / 2 - np.radians([10.0, 0.0])))) if omega else 0.0, 0.0]
+        [brentq(height, *(A * np.sin(omega / 2 - np.radians([10.0, 0.0])))) if omega else 0.0, 0.0]
     )
     for _ in range(20):  # ball point of the stop centre
         three = Rays(omega_deg, middle + np.array([[0, 0], [step, 0], [0, step]]), to_imager).stop
@@ -150,7 +152,7 @@ def added_waves(omega_deg, side=161, grid=41, width_px=12.0):
     sum(w).
     """
     rays, chief, radius = bundle(omega_deg, side)
-    inside = np.hypot(*rays.stop.T) <= radius
+    is_inside = np.hypot(*rays.stop.T) <= radius
     x = np.linspace(-width_px / 2, width_px / 2, grid)
     k = 2 * np.pi / WAVE
     amplitude = np.sqrt(rays.light * rays.solid) * np.exp(1j * k * rays.path)
@@ -159,8 +161,12 @@ def added_waves(omega_deg, side=161, grid=41, width_px=12.0):
         np.exp(-1j * k * PITCH * np.outer(c - c0, x))
         for c, c0 in zip(rays.cosines.T, chief.cosines[0], strict=True)
     )
-    wave = np.einsum("n,nt,ns->st", amplitude[inside], t[inside], s[inside], optimize=True)
-    return x, np.abs(wave) ** 2 / (WAVE**2 * rays.light[inside].sum()) * PITCH**2, inside.sum()
+    wave = np.einsum("n,nt,ns->st", amplitude[is_inside], t[is_inside], s[is_inside], optimize=True)
+    return (
+        x,
+        np.abs(wave) ** 2 / (WAVE**2 * rays.light[is_inside].sum()) * PITCH**2,
+        is_inside.sum(),
+    )
 
 
 def mtf_of_waves(omega_deg, clear, fold=None, nu=NU, side=81, cells=241):
@@ -176,29 +182,33 @@ def mtf_of_waves(omega_deg, clear, fold=None, nu=NU, side=81, cells=241):
     stop = np.hypot(*rays.stop.T) - radius
     edges = [stop, *(rays.reach[surface] - limit for surface, limit in clear.items())]
     near = stop < 0.1 * radius
-    ends = [(c[near].min(), c[near].max()) for c in rays.cosines.T]
-    axes = [np.linspace(*end, cells) for end in ends]
-    wanted = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    i, j = (np.full(len(wanted), (side - 1) / 2) for _ in range(2))
+    limits = [(c[near].min(), c[near].max()) for c in rays.cosines.T]
+    axes = [np.linspace(*end, cells) for end in limits]
+    targets = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    i, j = (np.full(len(targets), (side - 1) / 2) for _ in range(2))
     for _ in range(6):  # Newton's method: position of the cosines on the ray grid
-        miss = np.stack([f.ev(i, j) for f in L], axis=-1) - wanted
+        residual = np.stack([f.ev(i, j) for f in L], axis=-1) - targets
         a = np.stack([np.stack([f.ev(i, j, 1, 0), f.ev(i, j, 0, 1)], axis=-1) for f in L], axis=1)
-        step = np.linalg.solve(a, miss[..., None])[..., 0]
+        step = np.linalg.solve(a, residual[..., None])[..., 0]
         i, j = np.clip(i - step[:, 0], 0, side - 1), np.clip(j - step[:, 1], 0, side - 1)
-    near = np.abs(np.stack([f.ev(i, j) for f in L], axis=-1) - wanted).max(axis=1) < 1e-9
+    near = np.abs(np.stack([f.ev(i, j) for f in L], axis=-1) - targets).max(axis=1) < 1e-9
     area = np.abs(np.linalg.det(a))
-    whole = near & (spline(stop).ev(i, j) <= 0)
-    open_ = whole & np.logical_and.reduce([spline(edge).ev(i, j) <= 0 for edge in edges])
+    is_in_stop = near & (spline(stop).ev(i, j) <= 0)
+    is_clear = is_in_stop & np.logical_and.reduce([spline(edge).ev(i, j) <= 0 for edge in edges])
     if fold is not None:
         corners = blocked_by_fold(rays, *fold).reshape(side, side)
-        open_ &= ~corners[np.rint(i).astype(int), np.rint(j).astype(int)]
+        is_clear &= ~corners[np.rint(i).astype(int), np.rint(j).astype(int)]
     light = spline(rays.light).ev(i, j) / area
     square = (cells, cells)
     steps = [axis[1] - axis[0] for axis in axes]
-    found = line_mtf(
-        (light * open_).reshape(square), spline(rays.path).ev(i, j).reshape(square), steps, nu, WAVE
+    mtf = line_mtf(
+        (light * is_clear).reshape(square),
+        spline(rays.path).ev(i, j).reshape(square),
+        steps,
+        nu,
+        WAVE,
     )
-    return found, (light * open_).sum() / (light * whole).sum()
+    return mtf, (light * is_clear).sum() / (light * is_in_stop).sum()
 
 
 def stop_radius(to_imager):
@@ -224,16 +234,16 @@ def stop_radius(to_imager):
 def test_psf_matches_traced_waves(sensor, omega):
     x, truth, rays = added_waves(omega)
     assert rays > 10000
-    found = om.psf(sensor, omega, wavelength_nm=WAVE * 1e6, width_px=12.0, step_px=0.3)
-    np.testing.assert_allclose(found.offset_px, x, atol=1e-9)
-    np.testing.assert_allclose(found.density, truth, atol=0.005 * truth.max())
-    assert truth.max() < 0.7 * found.ideal_peak  # significant aberrations
+    result = om.psf(sensor, omega, wavelength_nm=WAVE * 1e6, width_px=12.0, step_px=0.3)
+    np.testing.assert_allclose(result.offset_px, x, atol=1e-9)
+    np.testing.assert_allclose(result.density, truth, atol=0.005 * truth.max())
+    assert truth.max() < 0.7 * result.ideal_peak  # significant aberrations
 
 
 VIGNETTED = {
     "whole aperture": ({}, "CLAP", None, 120.0),
-    "two rims": (CLEAR, "CLAP", None, 80.0),
-    "two rims, off-centre": (CLEAR, "CLAP", None, 120.0),
+    "two rims": (CLEAR_RADII_MM, "CLAP", None, 80.0),
+    "two rims, off-centre": (CLEAR_RADII_MM, "CLAP", None, 120.0),
     "front": ({1: 1.5}, "DIAM", None, 110.0),
     "back, at the edge": ({6: 1.3}, "DIAM", None, 130.0),
     "within, narrower than the stop": ({3: 1.0}, "DIAM", None, 60.0),
@@ -250,8 +260,8 @@ def test_mtf_of_vignetting_lens_matches_traced_waves(case, tmp_path):
     truth, filled = mtf_of_waves(omega, clear, fold)
     second = None if fold is None else Secondary(Flat(fold[1]), fold[0], fold[2])
     vignetted = sensor_of(tmp_path, clear, key, second)
-    found = om.mtf(vignetted, [omega], cycles_per_px=NU, wavelength_nm=WAVE * 1e6, pixel=False)
-    np.testing.assert_allclose([found.tangential[0], found.sagittal[0]], truth, atol=0.005)
+    result = om.mtf(vignetted, [omega], cycles_per_px=NU, wavelength_nm=WAVE * 1e6, pixel=False)
+    np.testing.assert_allclose([result.tangential[0], result.sagittal[0]], truth, atol=0.005)
     assert om.spots(vignetted, [omega]).filled[0] == pytest.approx(filled, abs=0.003)
     assert (filled < 0.999) == (case != "whole aperture")
 
@@ -260,8 +270,8 @@ def test_mtf_is_psf_transform(sensor):
     nu = np.array([0.0, 0.05, 0.1, 0.2, 0.3])
     for omega in (0.0, 90.0):
         spot = om.psf(sensor, omega, width_px=60.0, step_px=0.24)
-        found = om.mtf(sensor, [omega], cycles_per_px=nu, pixel=False)
-        for axis, mtf in ((0, found.tangential[0]), (1, found.sagittal[0])):
+        result = om.mtf(sensor, [omega], cycles_per_px=nu, pixel=False)
+        for axis, mtf in ((0, result.tangential[0]), (1, result.sagittal[0])):
             line = spot.density.sum(axis=axis) * 0.24**2
             transform = np.abs(np.exp(-2j * np.pi * np.outer(nu, spot.offset_px)) @ line)
             np.testing.assert_allclose(transform, mtf, atol=0.02)
@@ -294,9 +304,9 @@ def test_ideal_table_wavefront_matches_thin_lens(pupil):
     sensor = replace(sensor, lens=replace(sensor.lens, entrance_pupil_mm=pupil))
     table = replace(sensor, lens=tabulated(sensor.lens))
     nu = np.linspace(0, 1, 21)
-    ours, theirs = (om.mtf(s, [0.0, 60.0, 120.0], cycles_per_px=nu) for s in (table, sensor))
-    np.testing.assert_allclose(ours.tangential, theirs.tangential, atol=4e-3)
-    np.testing.assert_allclose(ours.sagittal, theirs.sagittal, atol=4e-3)
+    result, expected = (om.mtf(s, [0.0, 60.0, 120.0], cycles_per_px=nu) for s in (table, sensor))
+    np.testing.assert_allclose(result.tangential, expected.tangential, atol=4e-3)
+    np.testing.assert_allclose(result.sagittal, expected.sagittal, atol=4e-3)
     spots = [om.psf(s, 120.0, width_px=20.0, step_px=0.5).density for s in (table, sensor)]
     np.testing.assert_allclose(*spots, atol=0.02 * spots[1].max())
 
@@ -304,20 +314,21 @@ def test_ideal_table_wavefront_matches_thin_lens(pupil):
 def test_curved_field_equals_refocused_lens():
     """An image slightly behind the imager over the whole field."""
     sensor = om.load_sensor("paper-spherical")
-    behind = 0.03
-    bent = tuple(np.full(len(ANGLES), behind))
+    shift_mm = 0.03
+    shifts_mm = tuple(np.full(len(ANGLES), shift_mm))
     table = replace(
-        sensor, lens=tabulated(sensor.lens, field_curvature_t_mm=bent, field_curvature_s_mm=bent)
+        sensor,
+        lens=tabulated(sensor.lens, field_curvature_t_mm=shifts_mm, field_curvature_s_mm=shifts_mm),
     )
     f = sensor.lens.focal_length_mm
-    farther = 1 / (1 / f - 1 / (sensor.lens.image_distance - behind))
+    focus_mm = 1 / (1 / f - 1 / (sensor.lens.image_distance - shift_mm))
     nu = np.linspace(0, 0.6, 13)
-    ours = om.mtf(table, [30.0, 90.0], cycles_per_px=nu)
-    theirs = om.mtf(sensor, [30.0, 90.0], cycles_per_px=nu, focus_mm=farther)
+    result = om.mtf(table, [30.0, 90.0], cycles_per_px=nu)
+    expected = om.mtf(sensor, [30.0, 90.0], cycles_per_px=nu, focus_mm=focus_mm)
     flat = om.mtf(sensor, [30.0, 90.0], cycles_per_px=nu)
     for name in ("tangential", "sagittal"):
-        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=0.01)
-        assert np.abs(getattr(ours, name) - getattr(flat, name)).max() > 0.1
+        np.testing.assert_allclose(getattr(result, name), getattr(expected, name), atol=0.01)
+        assert np.abs(getattr(result, name) - getattr(flat, name)).max() > 0.1
 
 
 def test_lens_blur_without_wavefront_rejected():

@@ -46,27 +46,27 @@ def extrapolated(estimate):
     return (16 * bc - ab) / 15
 
 
-def tangential_q(mirror, x, obj, d, hit, back):
+def tangential_q(mirror, x, obj, d, hit, backward):
     def q(spacing):
-        found = []
+        distances = []
         for side in (-1, 1):
             p, r = reflect(mirror, obj, d, x + side * spacing * M / 10, 0.0)
             # hit + q back = p + s r in the meridian plane
             q_s = np.linalg.solve(
-                np.array([[back[0], -r[0]], [back[2], -r[2]]]), [(p - hit)[0], (p - hit)[2]]
+                np.array([[backward[0], -r[0]], [backward[2], -r[2]]]), [(p - hit)[0], (p - hit)[2]]
             )
-            found.append(q_s[0])
-        return float(np.mean(found))
+            distances.append(q_s[0])
+        return float(np.mean(distances))
 
     return extrapolated(q)
 
 
-def sagittal_q(mirror, x, obj, d, hit, back):
+def sagittal_q(mirror, x, obj, d, hit, backward):
     def q(spacing):
         psi = spacing / 2
         p, r = reflect(mirror, obj, d, x * np.cos(psi), x * np.sin(psi))
         crossing = p - p[1] / r[1] * r  # with its counterpart from -psi, in the meridian plane
-        return float((crossing - hit) @ back)
+        return float((crossing - hit) @ backward)
 
     return extrapolated(q)
 
@@ -91,27 +91,29 @@ def test_virtual_images_match_ray_intersections(kind, distance, lens):
         hit = np.array([x, 0.0, float(sensor.mirror.sag(x))])
         obj = None if np.isinf(distance) else hit + distance * d
         _, to_lens = reflect(sensor.mirror, obj, d, x, 0.0)
-        back = -to_lens
+        backward = -to_lens
         # the chief ray itself passes through the lens, or along the axis
         expected = (
             np.array([x, 0, sensor.mirror_distance_mm + hit[2]])
             if lens == "perspective"
             else np.array([0, 0, 1.0])
         )
-        np.testing.assert_allclose(back, expected / np.linalg.norm(expected), atol=1e-9)
+        np.testing.assert_allclose(backward, expected / np.linalg.norm(expected), atol=1e-9)
         if not (
             kind == "cone" and np.isinf(distance)
         ):  # a straight meridian: image distance equals object distance
-            q_t = tangential_q(sensor.mirror, x, obj, d, hit, back)
+            q_t = tangential_q(sensor.mirror, x, obj, d, hit, backward)
             assert result.q_t_mm[i] == pytest.approx(q_t, rel=1e-6), f"tangential at {omega[i]} deg"
-            assert result.image_t_x_mm[i] == pytest.approx(x + q_t * back[0], rel=1e-6, abs=1e-9)
-            assert result.image_t_z_mm[i] == pytest.approx(hit[2] + q_t * back[2], rel=1e-6)
+            assert result.image_t_x_mm[i] == pytest.approx(
+                x + q_t * backward[0], rel=1e-6, abs=1e-9
+            )
+            assert result.image_t_z_mm[i] == pytest.approx(hit[2] + q_t * backward[2], rel=1e-6)
         else:
             assert np.isinf(result.q_t_mm[i])
         if x > 0:
-            q_s = sagittal_q(sensor.mirror, x, obj, d, hit, back)
+            q_s = sagittal_q(sensor.mirror, x, obj, d, hit, backward)
             assert result.q_s_mm[i] == pytest.approx(q_s, rel=1e-6), f"sagittal at {omega[i]} deg"
-            assert result.image_s_z_mm[i] == pytest.approx(hit[2] + q_s * back[2], rel=1e-6)
+            assert result.image_s_z_mm[i] == pytest.approx(hit[2] + q_s * backward[2], rel=1e-6)
         else:
             assert result.q_s_mm[i] == pytest.approx(result.q_t_mm[i], rel=1e-12)
 

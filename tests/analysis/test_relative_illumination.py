@@ -34,14 +34,14 @@ def monte_carlo(sensor, omega_deg, count=60_000):
     directions = cos[:, None] * axis + sin[:, None] * (
         np.cos(phi)[:, None] * side + np.sin(phi)[:, None] * [0, 1, 0]
     )
-    at = directions[:, :2] * (b0 / directions[:, 2:]) - [height, 0.0]
-    open_ = np.hypot(*at.T) <= radius
-    image = np.broadcast_to([height, 0.0], at.shape)
-    found = sensor.optical_train.posed_mirror.trace(
-        *sensor.optical_train.rays_of_image(image, at / radius)
+    points = directions[:, :2] * (b0 / directions[:, 2:]) - [height, 0.0]
+    is_in_aperture = np.hypot(*points.T) <= radius
+    image = np.broadcast_to([height, 0.0], points.shape)
+    trace = sensor.optical_train.posed_mirror.trace(
+        *sensor.optical_train.rays_of_image(image, points / radius)
     )
-    caught = open_ & found.valid
-    return 2 * np.pi * (1 - np.cos(wide)) * np.mean(directions[:, 2] * caught), caught.sum()
+    is_valid = is_in_aperture & trace.valid
+    return 2 * np.pi * (1 - np.cos(wide)) * np.mean(directions[:, 2] * is_valid), is_valid.sum()
 
 
 @pytest.mark.parametrize("f_number", [4.0, 2.8, 1.4])
@@ -49,9 +49,9 @@ def monte_carlo(sensor, omega_deg, count=60_000):
 def test_illumination_matches_traced_photons(f_number, omega_deg):
     """The flat-field formula deviates by 1.4 % at F/4, 11.4 % at F/1.4, and -3.6 % at the very rim."""
     sensor = replace(SPH, lens=replace(SPH.lens, f_number=f_number))
-    truth, caught = monte_carlo(sensor, omega_deg)
-    found = om.illumination(sensor, [omega_deg]).irradiance_sr[0]
-    assert found == pytest.approx(truth, rel=0.005 + 2 / np.sqrt(caught))
+    truth, count = monte_carlo(sensor, omega_deg)
+    result = om.illumination(sensor, [omega_deg]).irradiance_sr[0]
+    assert result == pytest.approx(truth, rel=0.005 + 2 / np.sqrt(count))
 
 
 @pytest.mark.parametrize("F", [1.4, 4.0])
@@ -63,8 +63,8 @@ def test_axial_illumination_matches_cone(F):
     )
     telecentric = sensor_of("sphere", "orthographic")
     telecentric = replace(telecentric, lens=Orthographic(telecentric.lens.magnification, F, 20.0))
-    found = om.illumination(telecentric, [30.0]).irradiance_sr[0]
-    assert found == pytest.approx(np.pi * np.sin(np.arctan(1 / (2 * F))) ** 2, rel=1e-9)
+    result = om.illumination(telecentric, [30.0]).irradiance_sr[0]
+    assert result == pytest.approx(np.pi * np.sin(np.arctan(1 / (2 * F))) ** 2, rel=1e-9)
 
 
 @pytest.mark.parametrize("reflectivity", [0.0, -0.0])
@@ -82,7 +82,7 @@ def test_strehl_ratio_at_most_one():
 
 
 @pytest.mark.parametrize(
-    "ask",
+    "call",
     [
         lambda: om.spots(SPH, []),
         lambda: om.mtf(SPH, []),
@@ -105,12 +105,12 @@ def test_strehl_ratio_at_most_one():
         lambda: om.mtf(SPH, [0.0], focus_mm=float("nan")),
     ],
 )
-def test_untraceable_rays_rejected(ask):
+def test_untraceable_rays_rejected(call):
     names = "omega_deg|azimuth_deg|wavelength_nm|focus_mm|f_numbers|cycles_per_px|step_px"
-    with pytest.raises(InvalidParameter, match=names) as refused:
-        ask()
-    assert len(str(refused.value)) < 250
-    assert "\n" not in str(refused.value)
+    with pytest.raises(InvalidParameter, match=names) as error:
+        call()
+    assert len(str(error.value)) < 250
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -138,9 +138,9 @@ def test_cone_tip_sagittal_blur_is_infinite():
     tip = cone.field_deg[0]
     in_focus = om.evaluate(cone, [tip]).distance_s_mm[0]
     for focus in (in_focus, in_focus + 1, in_focus - 1):
-        found = om.evaluate(cone, [tip], focus_mm=focus)
-        assert np.isinf(found.blur_s_deg[0])
-        for name, column in found.columns().items():
+        result = om.evaluate(cone, [tip], focus_mm=focus)
+        assert np.isinf(result.blur_s_deg[0])
+        for name, column in result.columns().items():
             assert not np.isnan(column).any(), name
 
 
@@ -152,15 +152,15 @@ def test_cover_transmission_follows_fresnel(omega_deg):
 
     narrow = replace(SPH, lens=replace(SPH.lens, f_number=200.0))
     covered = replace(narrow, housing=Housing(shell=Tube(material="acrylic")))
-    bare, behind = (om.illumination(s, [omega_deg]).irradiance_sr[0] for s in (narrow, covered))
+    bare, covered_sr = (om.illumination(s, [omega_deg]).irradiance_sr[0] for s in (narrow, covered))
     n = covered.obstructions.housing.shell.index
     outside = abs(np.radians(90.0 - omega_deg))
-    inside = np.arcsin(np.sin(outside) / n)
+    refraction_angle = np.arcsin(np.sin(outside) / n)
     if outside:
         parts = (
-            (np.sin(outside - inside) / np.sin(outside + inside)) ** 2,
-            (np.tan(outside - inside) / np.tan(outside + inside)) ** 2,
+            (np.sin(outside - refraction_angle) / np.sin(outside + refraction_angle)) ** 2,
+            (np.tan(outside - refraction_angle) / np.tan(outside + refraction_angle)) ** 2,
         )
     else:
         parts = (((n - 1) / (n + 1)) ** 2,) * 2
-    assert behind / bare == pytest.approx(np.mean([(1 - r) / (1 + r) for r in parts]), rel=1e-4)
+    assert covered_sr / bare == pytest.approx(np.mean([(1 - r) / (1 + r) for r in parts]), rel=1e-4)

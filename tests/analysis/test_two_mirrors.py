@@ -31,18 +31,18 @@ FOLDED = om.load_sensor("folded-spherical")
 TWO_HYPERBOLOIDS = om.load_sensor("folded-hyperboloidal")
 
 
-def with_secondary(mirror, distance=80.0, bore=8.0, way=160.0):
+def with_secondary(mirror, distance=80.0, bore=8.0, mirror_distance=160.0):
     return replace(
         UNFOLDED,
         secondary=Secondary(mirror, distance, bore),
-        mirror_distance_mm=way,
+        mirror_distance_mm=mirror_distance,
         name=mirror.KIND,
     )
 
 
 CONCAVE = with_secondary(EvenPolynomial((-1 / 600,), 30.0))
 CONVEX = with_secondary(Sphere(150.0, 15.5))
-ASPHERIC = with_secondary(EvenPolynomial((-1e-3, 4e-7), 26.0), way=172.0)
+ASPHERIC = with_secondary(EvenPolynomial((-1e-3, 4e-7), 26.0), mirror_distance=172.0)
 TELECENTRIC = om.Sensor(
     Sphere(50.0, M),
     Orthographic(0.2, 4.0, 20.0),
@@ -81,14 +81,14 @@ def bounce(surface, hit, travel):
     return travel - 2 * (travel @ n) * n
 
 
-def meet(surface, start, travel, reach):
+def intersect(surface, start, travel, reach):
     """Return the first intersection of a ray with a surface."""
 
-    def above(t):
+    def clearance(t):
         p = start + t * travel
         return float(p[2] - surface(np.hypot(p[0], p[1])))
 
-    return start + brentq(above, 1e-9, reach, xtol=1e-13) * travel
+    return start + brentq(clearance, 1e-9, reach, xtol=1e-13) * travel
 
 
 def to_lens(sensor, obj, d, x, y):
@@ -98,7 +98,7 @@ def to_lens(sensor, obj, d, x, y):
     travel = -d if obj is None else (hit - obj) / np.linalg.norm(hit - obj)
     travel = bounce(first, hit, travel)
     drop = (hit[2] + sensor.secondary.distance_mm) / -travel[2]
-    hit = meet(second, hit, travel, 1.2 * drop)
+    hit = intersect(second, hit, travel, 1.2 * drop)
     return hit, bounce(second, hit, travel)
 
 
@@ -185,14 +185,14 @@ def test_pixel_rays_match_traced_rays(kind, looks):
         on_imager = (pixel - sensor.imager.centre) * sensor.imager.pitch_mm
         ray = np.array([*on_imager, sensor.lens.image_distance])
         ray /= np.linalg.norm(ray)
-        hit = meet(
+        hit = intersect(
             lambda r: to_secondary + second.mirror.sag(r),
             np.zeros(3),
             ray,
             1.1 * to_secondary / ray[2],
         )
         ray = bounce(lambda r: to_secondary + second.mirror.sag(r), hit, ray)
-        hit = meet(
+        hit = intersect(
             lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray, 1.5 * second.distance_mm / -ray[2]
         )
         ray = bounce(lambda r: vertex[2] - sensor.mirror.sag(r), hit, ray)
@@ -210,9 +210,13 @@ def test_flat_fold_changes_obscuration_only(share, fraction, distance):
     folded = replace(UNFOLDED, secondary=Secondary(Flat(32.0), share * m, 12.0))
     low, high = folded.field_deg
     omega = np.array([low + fraction * (high - low)])
-    one, two = (om.evaluate(s, omega, object_distance_mm=distance) for s in (UNFOLDED, folded))
-    for name, column in one.columns().items():
-        np.testing.assert_allclose(getattr(two, name), column, rtol=1e-10, atol=1e-11, err_msg=name)
+    single, double = (
+        om.evaluate(s, omega, object_distance_mm=distance) for s in (UNFOLDED, folded)
+    )
+    for name, column in single.columns().items():
+        np.testing.assert_allclose(
+            getattr(double, name), column, rtol=1e-10, atol=1e-11, err_msg=name
+        )
 
 
 def test_confocal_hyperboloids_have_single_viewpoint():
@@ -266,11 +270,11 @@ def test_field_starts_at_wider_bore():
         om.evaluate(FOLDED, [5.0])
     with pytest.raises(OutsideMirror, match=r"x must be 5 to .* got 2"):
         om.evaluate(FOLDED, x_mm=[2.0])
-    inside = [
+    limits = [
         [511.5 + 60, 511.5],
         [511.5 + 70, 511.5],
     ]  # the image of the bore has a radius of 65 px
-    assert FOLDED.backproject(inside).valid.tolist() == [False, True]
+    assert FOLDED.backproject(limits).valid.tolist() == [False, True]
 
 
 def test_camera_front_obscures_field():
@@ -342,13 +346,13 @@ def test_two_mirror_image_is_not_reversed():
         "up",
         "down",
     )  # both mirrors face down
-    one, two = (
+    single, double = (
         om.render_image(replace(s, imager=small), room, samples=1).astype(int)
         for s in (UNFOLDED, FOLDED)
     )
-    seen = np.hypot(*np.mgrid[-63.5:64, -63.5:64]) > 12
-    assert np.mean(np.abs(one[:, ::-1] - two)[seen]) < 0.5
-    assert np.mean(np.abs(one - two)[seen]) > 10
+    is_valid = np.hypot(*np.mgrid[-63.5:64, -63.5:64]) > 12
+    assert np.mean(np.abs(single[:, ::-1] - double)[is_valid]) < 0.5
+    assert np.mean(np.abs(single - double)[is_valid]) > 10
 
 
 def test_single_mirror_functions_reject_two_mirrors():

@@ -77,7 +77,7 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
 
 
 @pytest.mark.parametrize(
-    ("claim", "agreeing", "differing"),
+    ("claim", "agreeing_values", "differing_values"),
     [
         (_claims.Claim("", "", "", float, "1", 1.0), [1.0], [1.0 + 1e-9, 1.0 - 1e-9, np.inf]),
         (
@@ -110,9 +110,11 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(text, value, tolerance):
         (_claims.unprinted("", "", "", "2.5", float), [2.45, 2.55], [2.449, 2.551]),
     ],
 )
-def test_tolerance_of_each_kind_of_statement(claim, agreeing, differing):
-    assert [claim.verdict(value) for value in agreeing] == [claim.expected] * len(agreeing)
-    assert [claim.verdict(value) for value in differing] == [DIFFERS] * len(differing)
+def test_tolerance_of_each_kind_of_statement(claim, agreeing_values, differing_values):
+    assert [claim.verdict(value) for value in agreeing_values] == [claim.expected] * len(
+        agreeing_values
+    )
+    assert [claim.verdict(value) for value in differing_values] == [DIFFERS] * len(differing_values)
 
 
 def test_wordings_state_their_tolerance():
@@ -150,12 +152,12 @@ def test_rows_have_place_quantity_and_method(rows):
 @pytest.mark.parametrize("claim", all_claims(), ids=lambda c: c.quantity)
 def test_wrong_value_changes_verdict(claim):
     value = claim.target if claim.target is not None else float(claim.correct)
-    wrong = {"<=": value + 10.0, ">=": value - 10.0, "=": value + 3 * claim.tolerance + 0.02}[
+    wrong_value = {"<=": value + 10.0, ">=": value - 10.0, "=": value + 3 * claim.tolerance + 0.02}[
         claim.relation
     ]
     if claim.correct is not None and claim.relation == "=":
-        wrong = max(value, float(claim.correct)) + 3 * claim.tolerance + 0.02
-    assert claim.verdict(wrong) != claim.expected
+        wrong_value = max(value, float(claim.correct)) + 3 * claim.tolerance + 0.02
+    assert claim.verdict(wrong_value) != claim.expected
 
 
 def test_nan_differs():
@@ -210,7 +212,7 @@ def test_rows_as_csv_markdown_and_terminal_table(tmp_path):
         )
     ]
     assert [r.as_expected for r in rows] == [True, False, True, True, False]
-    almost = WORDINGS["almost"][1]
+    explanation = WORDINGS["almost"][1]
     _claims.write_csv(rows, tmp_path / "a.csv")
     with (tmp_path / "a.csv").open(encoding="utf-8") as file:
         table = list(csv.reader(file))
@@ -218,7 +220,7 @@ def test_rows_as_csv_markdown_and_terminal_table(tmp_path):
         ["1", "Sec. 1", "a|b", "6.66667 (printed formula)", "6.66667666667", "0.666666666667", "mm",
          "0.000666666666667", "", "agrees", "agrees", "m", "", "n"],
         ["2", "Fig. 2", "c", "9 (almost)", "20", "", "", "1.35", "", "differs",
-         "agrees as interpreted", "m", almost, "o"],
+         "agrees as interpreted", "m", explanation, "o"],
         ["3", "Eq. 3", "d", "3", "5", "", "", "0.5", "5", "erratum 9", "erratum 9", "m", "", ""],
         ["4", "Eq. 4", "e", "", "2.5", "", "", "0", "2.5", "computed", "computed", "m", "", ""],
         ["5", "Eq. 5", "f", "3", "4", "", "", "0.5", "5", "differs", "not reproduced", "m", "", ""],
@@ -228,7 +230,7 @@ def test_rows_as_csv_markdown_and_terminal_table(tmp_path):
     assert lines[-5:] == [
         r"| 1 | Sec. 1 | a\|b | 6.66667 (printed formula) ± 0.000666667 | 6.66668 | 0.666667 | mm | agrees | m | n |",
         "| 2 | Fig. 2 | c | 9 (almost) ± 1.35 | 20 |  |  | **differs** (expected: agrees as interpreted) | m | "
-        f"{almost}; o |",
+        f"{explanation}; o |",
         "| 3 | Eq. 3 | d | 3 ± 0.5 | 5 |  |  | erratum 9 | m |  |",
         "| 4 | Eq. 4 | e |  | 2.5 |  |  | computed | m |  |",
         "| 5 | Eq. 5 | f | 3 ± 0.5 | 4 |  |  | **differs** (expected: not reproduced) | m |  |",
@@ -237,15 +239,15 @@ def test_rows_as_csv_markdown_and_terminal_table(tmp_path):
     terminal = {"force_terminal": True, "color_system": "standard", "no_color": False}
     console = Console(file=screen, width=120, **terminal)
     console.print(_claims.terminal_table(rows))
-    green, yellow, dim, red = "\x1b[32m", "\x1b[33m", "\x1b[2m", "\x1b[1;31m"
+    green, yellow, grey, red = "\x1b[32m", "\x1b[33m", "\x1b[2m", "\x1b[1;31m"
     for start, verdict in zip(
-        (green, red, yellow, dim, red),
+        (green, red, yellow, grey, red),
         ("agrees", "differs", "erratum 9", "computed", "differs"),
         strict=True,
     ):
         assert f"{start}{verdict}" in screen.getvalue()
-    plain = re.sub(r"\x1b\[[\d;]*m", "", screen.getvalue()).splitlines()
-    assert [" ".join(line.split()) for line in plain] == [
+    text_lines = re.sub(r"\x1b\[[\d;]*m", "", screen.getvalue()).splitlines()
+    assert [" ".join(line.split()) for line in text_lines] == [
         "Place Quantity Printed Computed Exact Unit Verdict",
         "1 Sec. 1 a|b 6.66667 (printed formula) 6.66668 0.666667 mm agrees",
         "2 Fig. 2 c 9 (almost) 20 differs",
@@ -253,8 +255,8 @@ def test_rows_as_csv_markdown_and_terminal_table(tmp_path):
         "4 Eq. 4 e 2.5 computed",
         "5 Eq. 5 f 3 4 differs",
     ]
-    assert plain[1].startswith("1  Sec. 1  a|b  ")
-    assert plain[2].startswith("2  Fig. 2  c  ")
+    assert text_lines[1].startswith("1  Sec. 1  a|b  ")
+    assert text_lines[2].startswith("2  Fig. 2  c  ")
     assert [number(value) for value in (9e-13, 1e-12, -2e-12)] == ["0", "1e-12", "-2e-12"]
 
 
@@ -274,10 +276,10 @@ def test_errata_page_quotes_computed_values(rows):
 
 
 def test_figures_use_paper_approximations(tmp_path):
-    seen = []
-    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], on_progress=seen.append)
+    calls = []
+    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], on_progress=calls.append)
     assert [f.name for f in files] == ["fig5.svg"]
-    assert seen == ["fig5"]
+    assert calls == ["fig5"]
     assert ">SPH<" in files[0].read_text(encoding="utf-8")
 
 

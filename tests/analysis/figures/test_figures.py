@@ -67,9 +67,9 @@ def drawn(name):
 
 def line(figure, gid):
     """Return x and y of the line with a gid."""
-    found = [a for ax in figure.axes for a in ax.get_lines() if a.get_gid() == gid]
-    assert len(found) == 1, f"{gid}: {len(found)} lines"
-    return np.asarray(found[0].get_xdata(), float), np.asarray(found[0].get_ydata(), float)
+    lines = [a for ax in figure.axes for a in ax.get_lines() if a.get_gid() == gid]
+    assert len(lines) == 1, f"{gid}: {len(lines)} lines"
+    return np.asarray(lines[0].get_xdata(), float), np.asarray(lines[0].get_ydata(), float)
 
 
 def texts(figure):
@@ -121,9 +121,9 @@ def test_figures_of_cone_and_six_sensors(name):
     ),
 )
 def test_lines_match_evaluation_columns(figure, column):
-    picture = drawn(figure)
+    drawing = drawn(figure)
     for sensor in SENSORS:
-        omega, y = line(picture, f"{sensor.name}:{column}")
+        omega, y = line(drawing, f"{sensor.name}:{column}")
         result = om.evaluate(sensor, omega, mode="paper", image_radius_px=500)
         np.testing.assert_array_equal(y, getattr(result, column))
         assert omega[0] == 0
@@ -136,13 +136,13 @@ def test_figure_4_virtual_images_and_depth_of_field():
         omega = np.linspace(*sensor.field_deg, 361)
         for name, distance in (("∞", np.inf), ("5M", 5 * sensor.mirror.rim_radius_mm)):
             result = om.evaluate(sensor, omega, object_distance_mm=distance)
-            for way in "TS":
-                x, z = line(figure, f"{sensor.name}:{way}{name}")
+            for orientation in "TS":
+                x, z = line(figure, f"{sensor.name}:{orientation}{name}")
                 np.testing.assert_allclose(
-                    x, getattr(result, f"image_{way.lower()}_x_mm"), rtol=1e-12
+                    x, getattr(result, f"image_{orientation.lower()}_x_mm"), rtol=1e-12
                 )
                 np.testing.assert_allclose(
-                    z, getattr(result, f"image_{way.lower()}_z_mm"), rtol=1e-12
+                    z, getattr(result, f"image_{orientation.lower()}_z_mm"), rtol=1e-12
                 )
         bands = [
             p
@@ -232,11 +232,13 @@ def test_drawing_preserves_matplotlib_state():
 
 
 def test_save_all_writes_returned_files(tmp_path):
-    seen = []
-    files = save_all(SENSORS[:1], tmp_path / "new", names=["fig6", "fig5"], on_progress=seen.append)
+    progress = []
+    files = save_all(
+        SENSORS[:1], tmp_path / "new", names=["fig6", "fig5"], on_progress=progress.append
+    )
     assert [f.name for f in files] == ["fig6.svg", "fig6.png", "fig5.svg", "fig5.png"]
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f.name for f in files)
-    assert seen == ["fig6", "fig5"]
+    assert progress == ["fig6", "fig5"]
 
 
 def test_save_all_validates_before_writing(tmp_path):
@@ -258,33 +260,38 @@ def test_special_characters_in_names():
 @pytest.mark.parametrize("seed", range(5))
 def test_separated_positions_constraints(seed):
     rng = np.random.default_rng(seed)
-    wanted = rng.uniform(0, 10, 8)
-    placed = separated_positions(wanted, 0.9, 0.0, 10.0)
-    order = np.argsort(wanted)
-    assert (np.diff(placed[order]) >= 0.9 - 1e-9).all()
-    assert placed.min() >= 0
-    assert placed.max() <= 10
+    targets = rng.uniform(0, 10, 8)
+    positions = separated_positions(targets, 0.9, 0.0, 10.0)
+    order = np.argsort(targets)
+    assert (np.diff(positions[order]) >= 0.9 - 1e-9).all()
+    assert positions.min() >= 0
+    assert positions.max() <= 10
 
 
 def test_separated_positions_least_squares():
     """Compared with a general solver of the same problem."""
     rng = np.random.default_rng(3)
     for gap, low, high in ((0.9, 0.0, 10.0), (1.6, -2.0, 7.0), (0.0, 0.0, 10.0)):
-        sought = np.sort(rng.uniform(-1, 11, 6))
-        found = minimize(
-            lambda at, sought=sought: np.sum((at - sought) ** 2),
+        targets = np.sort(rng.uniform(-1, 11, 6))
+        optimum = minimize(
+            lambda positions, targets=targets: np.sum((positions - targets) ** 2),
             np.linspace(low, high, 6),
-            jac=lambda at, sought=sought: 2 * (at - sought),
+            jac=lambda positions, targets=targets: 2 * (positions - targets),
             bounds=[(low, high)] * 6,
-            constraints={"type": "ineq", "fun": lambda at, gap=gap: np.diff(at) - gap},
+            constraints={
+                "type": "ineq",
+                "fun": lambda positions, gap=gap: np.diff(positions) - gap,
+            },
             method="SLSQP",
             options={"ftol": 1e-12},
         )
-        np.testing.assert_allclose(separated_positions(sought, gap, low, high), found.x, atol=1e-5)
+        np.testing.assert_allclose(
+            separated_positions(targets, gap, low, high), optimum.x, atol=1e-5
+        )
 
 
 @pytest.mark.parametrize(
-    ("sought", "placed"),
+    ("targets", "expected"),
     [
         ([], []),
         ([5.0], [5.0]),
@@ -297,9 +304,9 @@ def test_separated_positions_least_squares():
         ([0.0] * 21, np.linspace(0, 10, 21)),
     ],
 )
-def test_separated_positions_few_labels(sought, placed):
+def test_separated_positions_few_labels(targets, expected):
     """Single, in reverse order, at equal positions, at the edge, and more than fit."""
-    np.testing.assert_allclose(separated_positions(sought, 1.0, 0.0, 10.0), placed, atol=1e-12)
+    np.testing.assert_allclose(separated_positions(targets, 1.0, 0.0, 10.0), expected, atol=1e-12)
 
 
 def test_end_labels_at_last_visible_point():
@@ -309,8 +316,8 @@ def test_end_labels_at_last_visible_point():
     ax = figure.subplots()
     ax.set(xlim=(4.0, 0.0), ylim=(0.0, 10.0))
     x = np.arange(6.0)
-    up, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
-    assert displayed_points(ax, up).tolist() == [True] * 5 + [False]
+    curve, outside = (ax.plot(x, y, color=c)[0] for y, c in ((2 * x + 1, "red"), (x + 20, "blue")))
+    assert displayed_points(ax, curve).tolist() == [True] * 5 + [False]
     assert not displayed_points(ax, outside).any()
     edges = ax.plot(
         [2.0, 2.0, 2.0, 2.0, 0.0, 4.0, -0.1, 4.1], [0.0, -0.1, 10.0, 10.1, 5.0, 5.0, 5.0, 5.0]
@@ -326,7 +333,7 @@ def test_end_labels_at_last_visible_point():
         False,
     ]
     labels = EndLabels(figure)
-    labels.of_line(ax, up, "up")
+    labels.of_line(ax, curve, "up")
     labels.of_line(ax, outside, "outside")
     labels.at(ax, 1.0, 2.0, "at", "green")
     assert labels.settle() is figure
@@ -345,9 +352,11 @@ def test_end_labels_at_last_visible_point():
         # padding of 2 pt and 0.5 pt, and ends 1 pt before the point; 1 pt is 2 px
         start, end = text.arrow_patch.get_path().vertices[[0, -1]]
         point, edge = ax.transData.transform(text.xy), np.array([box.x0, (box.y0 + box.y1) / 2])
-        towards = (point - edge) / np.hypot(*(point - edge))
-        np.testing.assert_allclose(end, point - 2.0 * towards, atol=0.05)
-        np.testing.assert_allclose(start, edge + (4.0 / abs(towards[0]) + 1.0) * towards, atol=0.05)
+        direction = (point - edge) / np.hypot(*(point - edge))
+        np.testing.assert_allclose(end, point - 2.0 * direction, atol=0.05)
+        np.testing.assert_allclose(
+            start, edge + (4.0 / abs(direction[0]) + 1.0) * direction, atol=0.05
+        )
         assert text.arrow_patch.get_linewidth() == 0.4
         assert text.get_annotation_clip() is False  # drawn beyond the axes
     labels.at(ax, 1.0, 2.0, "again", "green")
@@ -444,8 +453,8 @@ def test_style_of_paths_and_signs():
 
 def test_style_of_text_measurements():
     """Matplotlib writes vector files at its fixed resolution, pixels at the one of the style."""
-    fixed = {kind: get_registered_canvas_class(kind).fixed_dpi for kind in ("svg", "pdf")}
-    assert {**fixed, "png": STYLE["savefig.dpi"]} == FORMATS
+    dpi = {kind: get_registered_canvas_class(kind).fixed_dpi for kind in ("svg", "pdf")}
+    assert {**dpi, "png": STYLE["savefig.dpi"]} == FORMATS
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -507,33 +516,33 @@ def test_style_of_panels():
 
 def test_figures_use_evaluation_conditions():
     """Every option that changes numbers changes the lines of the figure accordingly."""
-    asked = {
+    requests = {
         "object_distance_mm": 50.0,
         "mode": "paper",
         "image_radius_px": 500,
         "wavelength_nm": 850.0,
     }
     sensor = om.load_sensor("paper-spherical")
-    result = om.evaluate(sensor, [0.0, 90.0], tolerance_px=2.0, **asked)
+    result = om.evaluate(sensor, [0.0, 90.0], tolerance_px=2.0, **requests)
     figure = draw("fig9", [sensor], Conditions.of(result))
     for column in ("blur_t_px", "blur_s_px", "blur_t_deg", "floored_area_deg2"):
-        omega, drawn = line(figure, f"{sensor.name}:{column}")
+        omega, values = line(figure, f"{sensor.name}:{column}")
         np.testing.assert_allclose(
-            drawn, getattr(om.evaluate(sensor, omega, **asked), column), rtol=1e-12
+            values, getattr(om.evaluate(sensor, omega, **requests), column), rtol=1e-12
         )
     assert "±2 px" in texts(figure)
     assert "objects at 50 mm" in figure.axes[0].get_title(loc="left")
     close_up = draw("fig4", [sensor], Conditions.of(result))
-    near = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), **asked)
+    near = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), **requests)
     np.testing.assert_allclose(
         line(close_up, f"{sensor.name}:T50mm")[1], near.distance_t_mm - 180.429, rtol=1e-9
     )
 
 
 def test_command_figures_match_table(tmp_path, monkeypatch):
-    drawn = []
+    results = []
     monkeypatch.setattr(
-        figures, "save_all", lambda sensors, folder, conditions: drawn.append(conditions) or []
+        figures, "save_all", lambda sensors, folder, conditions: results.append(conditions) or []
     )
     options = (
         "--set blur.mode=paper --set blur.image_radius_px=500 --object-distance-mm 50 "
@@ -541,7 +550,7 @@ def test_command_figures_match_table(tmp_path, monkeypatch):
     )
     run = CliRunner().invoke(command, ["paper-spherical", *options.split(), "-o", str(tmp_path)])
     assert run.exit_code == 0, run.output
-    assert drawn == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]
+    assert results == [Conditions("paper", 500.0, 50.0, 850.0, 2.0)]
 
 
 @pytest.fixture(scope="module")
@@ -589,22 +598,22 @@ def test_no_obscuration_drawn_without_housing(name):
 
 @pytest.mark.parametrize("kind", few(FORMATS, "pdf"))
 def test_figure_rendered_once(kind, monkeypatch):
-    sensors, saved, drawn = [om.load_sensor("paper-spherical")], BytesIO(), []
+    sensors, file, draws = [om.load_sensor("paper-spherical")], BytesIO(), []
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[kind]
     with styled():
-        draw("fig5", sensors).savefig(saved, format=kind, metadata=undated)
-    laid_out, layout = [], ConstrainedLayoutEngine.execute
+        draw("fig5", sensors).savefig(file, format=kind, metadata=undated)
+    layouts, layout = [], ConstrainedLayoutEngine.execute
     monkeypatch.setattr(
         ConstrainedLayoutEngine,
         "execute",
-        lambda self, figure: laid_out.append(figure) or layout(self, figure),
+        lambda self, figure: layouts.append(figure) or layout(self, figure),
     )
-    figure, whole = draw("fig5", sensors), Figure.draw
+    figure, draw_figure = draw("fig5", sensors), Figure.draw
     monkeypatch.setattr(
-        Figure, "draw", lambda self, renderer: drawn.append(self) or whole(self, renderer)
+        Figure, "draw", lambda self, renderer: draws.append(self) or draw_figure(self, renderer)
     )
-    assert render(figure, kind) == saved.getvalue()
-    assert drawn == laid_out == [figure]
+    assert render(figure, kind) == file.getvalue()
+    assert draws == layouts == [figure]
     assert figure.get_layout_engine() is not None  # for the next format
 
 
@@ -628,9 +637,9 @@ PANELS = {"fig3": 2, "fig4": 2, "fig5": 2, "fig7": 2, "fig9": 3}
 @pytest.mark.parametrize("name", figures.FIGURES)
 def test_figures_in_axes_of_the_caller(name):
     sensors = [om.load_sensor("paper-spherical")]
-    own = figures.draw(name, sensors)
+    figure_axes = figures.draw(name, sensors)
     count = PANELS.get(name, 1)
-    assert len(own.axes) == count
+    assert len(figure_axes.axes) == count
     figure = Figure(figsize=(9, 6), layout="constrained")
     cells = figure.subplots(2, count, squeeze=False)
     layout = figure.get_layout_engine()
@@ -638,10 +647,10 @@ def test_figures_in_axes_of_the_caller(name):
     assert figures.draw(name, sensors, ax=target) is figure
     assert figure.get_layout_engine() is layout
     assert len(figure.axes) == 2 * count
-    for ax, reference in zip(cells[1], own.axes, strict=True):
+    for ax, reference in zip(cells[1], figure_axes.axes, strict=True):
         lines = [line.get_xydata() for line in ax.get_lines()]
-        for ours, expected in zip(lines, reference.get_lines(), strict=True):
-            np.testing.assert_array_equal(ours, expected.get_xydata())
+        for curve, expected in zip(lines, reference.get_lines(), strict=True):
+            np.testing.assert_array_equal(curve, expected.get_xydata())
         assert [t.get_text() for t in ax.texts] == [t.get_text() for t in reference.texts]
     assert not any(ax.lines or ax.texts for ax in cells[0])
     with pytest.raises(om.OmnimirrorError, match=rf"ax must be .*{count} ax.*; got {count + 1}"):

@@ -34,9 +34,9 @@ TABLES = {
 NUMBER = re.compile(r"^-?\d+(\.\d+)?$")
 
 
-def run(*words):
+def run(*arguments):
     return CliRunner().invoke(
-        app, [str(w) for w in words], catch_exceptions=False, standalone_mode=False
+        app, [str(w) for w in arguments], catch_exceptions=False, standalone_mode=False
     )
 
 
@@ -44,23 +44,23 @@ def run(*words):
 def test_json_has_one_record_per_table_row(name, tmp_path):
     """One record per line, with the first cell of each line."""
     file = tmp_path / "table.json"
-    shown = run(*name.split(), *TABLES[name], "--json", file)
+    result = run(*name.split(), *TABLES[name], "--json", file)
     records = json.loads(file.read_text())
     if name == "mtf":  # the terminal shows a selection of columns
         assert [r["cycles_per_px"] for r in records] == [0.1, 0.2]
         return
     lines = [
-        line for line in shown.stdout.splitlines() if line.strip() and not line.startswith("Wrote")
+        line for line in result.stdout.splitlines() if line.strip() and not line.startswith("Wrote")
     ][-len(records) :]
     for line, record in zip(lines, records, strict=True):
-        first, told = line.split()[0], next(iter(record.values()))
+        first, value = line.split()[0], next(iter(record.values()))
         if name == "parts":
             assert record["lens"] in line
             assert record["imager"] in line
         elif NUMBER.match(first):
-            assert float(first) == pytest.approx(told, rel=1e-3)
+            assert float(first) == pytest.approx(value, rel=1e-3)
         else:
-            assert first == told
+            assert first == value
 
 
 def test_export_json_lists_written_files(tmp_path):
@@ -93,9 +93,9 @@ def test_table_commands_have_json_option():
     assert without <= {"reproduce"}
 
 
-def whole(*words, **environment):
+def run_process(*arguments, **environment):
     """Run a separate process; return its output and messages."""
-    program = [sys.executable, "-m", "omnimirror", *words]
+    program = [sys.executable, "-m", "omnimirror", *arguments]
     return subprocess.run(
         program, capture_output=True, text=True, env={**os.environ, **environment}
     )
@@ -118,12 +118,12 @@ def test_quiet_writes_files_without_messages(tmp_path, capsys):
     with pytest.raises(SystemExit, match=r"^1$"):
         main(["evaluate", "nothing", "--quiet"])
     assert "nothing" in capsys.readouterr().err
-    main(["dewarp", "--quiet", *picture(tmp_path), "-o", str(tmp_path / "b.png")])
+    main(["dewarp", "--quiet", *image_arguments(tmp_path), "-o", str(tmp_path / "b.png")])
     assert capsys.readouterr() == ("", "")
     assert (tmp_path / "b.png").is_file()
 
 
-def picture(folder):
+def image_arguments(folder):
     om.write_image(folder / "ball.png", np.full((64, 64, 3), 90, np.uint8))
     return [str(folder / "ball.png"), "--ball", "31.5,31.5,30,300", "--size", "32x16"]
 
@@ -137,9 +137,9 @@ def test_quiet_json_on_standard_output(capsys):
 
 def test_verbose_prints_run_time(capsys):
     main(["sensors", "--verbose"])
-    said = capsys.readouterr().err.strip()
+    message = capsys.readouterr().err.strip()
     assert re.fullmatch(
-        r"\d+\.\d\d s, \d+\.\d\d s of processor time; omnimirror .*, samplers: [\w-]+", said
+        r"\d+\.\d\d s, \d+\.\d\d s of processor time; omnimirror .*, samplers: [\w-]+", message
     )
 
 
@@ -150,13 +150,13 @@ def test_words_after_double_dash_are_arguments(capsys):
 
 
 def test_shell_completion():
-    found = whole(
+    result = run_process(
         _OMNIMIRROR_COMPLETE="bash_complete",
         COMP_WORDS="omnimirror evaluate paper-s",
         COMP_CWORD="2",
     )
-    assert found.stdout.splitlines() == ["plain,paper-spherical", "file,paper-s"]
-    found = whole(
+    assert result.stdout.splitlines() == ["plain,paper-spherical", "file,paper-s"]
+    result = run_process(
         _OMNIMIRROR_COMPLETE="bash_complete", COMP_WORDS="omnimirror illu", COMP_CWORD="1"
     )
-    assert found.stdout.splitlines() == ["plain,illumination"]
+    assert result.stdout.splitlines() == ["plain,illumination"]

@@ -16,7 +16,7 @@ DESIGN = ("design", "--optimise", "worst_blur_deg")
 
 
 @pytest.fixture
-def place(tmp_path):
+def folder(tmp_path):
     om.write_image(tmp_path / "a.png", np.full((64, 64, 3), 90, np.uint8))
     (tmp_path / "broken.toml").write_text("name = ")
     (tmp_path / "broken.png").write_bytes(b"no picture")
@@ -24,7 +24,7 @@ def place(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         ("dewarp", "a.png", "-o", "b.png"),  # no camera
         ("dewarp", "a.png", *BALL),  # no output
@@ -65,15 +65,15 @@ def place(tmp_path):
     ],
     ids=" ".join,
 )
-def test_usage_errors_exit_with_2(place, words):
-    run = omnimirror(*words, cwd=place)
+def test_usage_errors_exit_with_2(folder, arguments):
+    run = omnimirror(*arguments, cwd=folder)
     assert run.returncode == 2, run.stderr
     assert run.stderr.startswith("omnimirror: ")
     assert run.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         ("dewarp", "missing.png", *BALL, "-o", "b.png"),
         ("dewarp", "broken.png", *BALL, "-o", "b.png"),
@@ -89,8 +89,8 @@ def test_usage_errors_exit_with_2(place, words):
     ],
     ids=" ".join,
 )
-def test_missing_or_invalid_files_exit_with_1(place, words):
-    run = omnimirror(*words, cwd=place)
+def test_missing_or_invalid_files_exit_with_1(folder, arguments):
+    run = omnimirror(*arguments, cwd=folder)
     assert run.returncode == 1, run.stderr
     assert run.stderr.startswith("omnimirror: ")
     assert run.stderr.count("\n") == 1
@@ -103,10 +103,10 @@ def test_missing_or_invalid_files_exit_with_1(place, words):
         "import omnimirror as om; om.read_image('a.png')",
     ],
 )
-def test_missing_opencv_raises_with_remedy(statement, place):
+def test_missing_opencv_raises_with_remedy(statement, folder):
     """The folder cv2 is missing, as after removal of one of two OpenCV packages."""
     code = f"import sys; sys.modules['cv2'] = None; {statement}"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=place)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=folder)
     assert run.returncode == 1
     last = run.stderr.strip().splitlines()[-1]
     assert "cannot import OpenCV" in last
@@ -121,10 +121,10 @@ def test_missing_opencv_raises_with_remedy(statement, place):
         "import omnimirror as om; om.Dewarper",
     ],
 )
-def test_incomplete_opencv_raises_with_remedy(statement, place):
+def test_incomplete_opencv_raises_with_remedy(statement, folder):
     """Other files remain in the folder cv2, which is imported as an empty namespace package."""
     code = f"import sys, types; sys.modules['cv2'] = types.ModuleType('cv2'); {statement}"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=place)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=folder)
     assert run.returncode == 1
     last = run.stderr.strip().splitlines()[-1]
     assert "cannot import OpenCV (module 'cv2' has no attribute" in last

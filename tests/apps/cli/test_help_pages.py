@@ -18,51 +18,57 @@ DOCS = Path(__file__).parents[3] / "docs"
 
 
 def commands(
-    group: click.Group = app, words: tuple[str, ...] = ()
+    group: click.Group = app, parents: tuple[str, ...] = ()
 ) -> Iterator[tuple[str, click.Command]]:
     for name in group.list_commands(click.Context(group)):
         command = group.get_command(click.Context(group), name)
         if isinstance(command, click.Group):
-            yield from commands(command, (*words, name))
+            yield from commands(command, (*parents, name))
         else:
-            yield " ".join((*words, name)), command
+            yield " ".join((*parents, name)), command
 
 
 COMMANDS = dict(commands())
 
 
-@pytest.mark.parametrize("words", COMMANDS)
-def test_commands_have_page_and_example(words):
-    command = COMMANDS[words]
+@pytest.mark.parametrize("command_name", COMMANDS)
+def test_commands_have_page_and_example(command_name):
+    command = COMMANDS[command_name]
     assert isinstance(command, DocumentedCommand)
     assert (DOCS / f"{command.page}.md").exists()
     page = (DOCS / f"{command.page}.md").read_text(encoding="utf-8")
-    assert f"omnimirror {words}" in page or f"omnimirror {words.replace(' image', '')}" in page
-    shown = command.get_help(click.Context(command, info_name=words))
-    assert f"More: docs/{command.page}.md" in shown
+    assert (
+        f"omnimirror {command_name}" in page
+        or f"omnimirror {command_name.replace(' image', '')}" in page
+    )
+    help_text = command.get_help(click.Context(command, info_name=command_name))
+    assert f"More: docs/{command.page}.md" in help_text
     assert command.examples
     for example in command.examples:
-        assert f"  {example}\n" in shown  # on one line, for copying
+        assert f"  {example}\n" in help_text  # on one line, for copying
 
 
 @pytest.mark.parametrize("example", [e for c in COMMANDS.values() for e in c.examples])
 def test_examples_parse(example, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "images").mkdir()
-    understand(example)
+    parse_command_line(example)
 
 
-def understand(line: str) -> None:
+def parse_command_line(line: str) -> None:
     """Reject command lines with unknown options or values of a wrong type, without running them."""
-    first, name, *words = shlex.split(line)
+    first, name, *arguments = shlex.split(line)
     assert first == "omnimirror"
-    if name in ("simulate", "bracket", "tolerance", "batch") and f"{name} {words[0]}" in COMMANDS:
-        name = f"{name} {words.pop(0)}"
+    if (
+        name in ("simulate", "bracket", "tolerance", "batch")
+        and f"{name} {arguments[0]}" in COMMANDS
+    ):
+        name = f"{name} {arguments.pop(0)}"
     command = COMMANDS["simulate image" if name == "simulate" else name]
-    command.make_context("command", words)
+    command.make_context("command", arguments)
 
 
-SHOWN = {
+DISPLAYED_COMMANDS = {
     f"{page.name}: {line}": line
     for page in [DOCS.parent / "README.md", *sorted(DOCS.glob("*.md"))]
     for line in re.findall(r"^    (omnimirror .*)$", page.read_text(encoding="utf-8"), flags=re.M)
@@ -71,23 +77,25 @@ SHOWN = {
 hour."""
 
 
-@pytest.mark.parametrize("line", SHOWN.values(), ids=SHOWN)
+@pytest.mark.parametrize("line", DISPLAYED_COMMANDS.values(), ids=DISPLAYED_COMMANDS)
 def test_displayed_commands_parse(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    understand(re.split(r" [|>] ", line)[0])
+    parse_command_line(re.split(r" [|>] ", line)[0])
 
 
 def test_options_are_grouped_once():
     context = click.Context(COMMANDS["dewarp"], info_name="dewarp", terminal_width=100)
-    shown = COMMANDS["dewarp"].get_help(context)
+    help_text = COMMANDS["dewarp"].get_help(context)
     headings = [
-        line for line in shown.splitlines() if line.endswith(":") and not line.startswith(" ")
+        line for line in help_text.splitlines() if line.endswith(":") and not line.startswith(" ")
     ]
     assert headings == ["Options:", "Camera:", "View:", "Files:", "Examples:"]
-    camera = shown.split("Camera:")[1].split("\n\n")[0]
+    camera = help_text.split("Camera:")[1].split("\n\n")[0]
     assert "--ball" in camera
     assert "--preview" not in camera
-    flags = [line.split()[0].rstrip(",") for line in shown.splitlines() if line.startswith("  -")]
+    flags = [
+        line.split()[0].rstrip(",") for line in help_text.splitlines() if line.startswith("  -")
+    ]
     assert (
         len(flags)
         == len(set(flags))
@@ -95,10 +103,10 @@ def test_options_are_grouped_once():
     )
 
 
-@pytest.mark.parametrize("words", sorted(COMMANDS))
-def test_help_fits_on_one_screen(words):
-    context = click.Context(COMMANDS[words], info_name=words, terminal_width=100)
-    assert len(COMMANDS[words].get_help(context).splitlines()) <= 45
+@pytest.mark.parametrize("command_name", sorted(COMMANDS))
+def test_help_fits_on_one_screen(command_name):
+    context = click.Context(COMMANDS[command_name], info_name=command_name, terminal_width=100)
+    assert len(COMMANDS[command_name].get_help(context).splitlines()) <= 45
 
 
 TABLES = {"check", "sensors", "apertures", "bracket plan", "simulate roundtrip"}
@@ -109,17 +117,17 @@ SERVERS = {"studio", "view", "serve"}
 
 
 def test_outputs_have_the_same_option():
-    for words, command in COMMANDS.items():
+    for command_name, command in COMMANDS.items():
         outputs = [p for p in command.params if {"-o", "--output"} & set(p.opts)]
         assert [p.opts for p in outputs] == [["-o", "--output"]] * (
-            words not in TABLES | SERVERS | JOBS
-        ), words
+            command_name not in TABLES | SERVERS | JOBS
+        ), command_name
         arguments = [p for p in command.params if isinstance(p, click.Argument)]
-        assert not any(isinstance(p.type, Output) for p in arguments), words
+        assert not any(isinstance(p.type, Output) for p in arguments), command_name
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (["evaluate", "paper-spherical", "--set", "lens"], "must be TABLE.KEY=VALUE"),
         (["evaluate", "paper-spherical", "--set", "lense.f_number=4"], "did you mean lens?"),
@@ -171,9 +179,9 @@ def test_outputs_have_the_same_option():
         ),
     ],
 )
-def test_invalid_entries_print_one_line(words, message, capsys, tmp_path, monkeypatch):
+def test_invalid_entries_print_one_line(arguments, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
-        main(words)
+        main(arguments)
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -20,7 +20,7 @@ from rich.console import Console
 from omnimirror.apps.cli import COMMANDS, _output, app, main
 from omnimirror.io.progress import FrameProgress
 
-FEW = ["--omega-deg", "0:90:45"]
+ANGLES = ["--omega-deg", "0:90:45"]
 
 
 def run(*args):
@@ -30,13 +30,13 @@ def run(*args):
 
 
 def test_table_on_standard_output(tmp_path):
-    written = run("evaluate", "paper-spherical", *FEW, "--csv", tmp_path / "a.csv")
-    piped = run("evaluate", "paper-spherical", *FEW, "--csv", "-")
-    assert piped.stdout == (tmp_path / "a.csv").read_text()
-    assert "best focus" in piped.stderr  # messages are preserved
-    assert "Wrote" not in piped.stderr
-    assert "Wrote" in written.stdout
-    assert json.loads(run("evaluate", "paper-spherical", *FEW, "--json", "-").stdout)["columns"][
+    file_run = run("evaluate", "paper-spherical", *ANGLES, "--csv", tmp_path / "a.csv")
+    pipe_run = run("evaluate", "paper-spherical", *ANGLES, "--csv", "-")
+    assert pipe_run.stdout == (tmp_path / "a.csv").read_text()
+    assert "best focus" in pipe_run.stderr  # messages are preserved
+    assert "Wrote" not in pipe_run.stderr
+    assert "Wrote" in file_run.stdout
+    assert json.loads(run("evaluate", "paper-spherical", *ANGLES, "--json", "-").stdout)["columns"][
         "omega_deg"
     ] == [
         0,
@@ -48,27 +48,25 @@ def test_table_on_standard_output(tmp_path):
 def test_image_on_standard_output_equals_file(tmp_path):
     source = tmp_path / "round.png"
     cv2.imwrite(str(source), np.random.default_rng(1).integers(0, 256, (64, 64, 3), np.uint8))
-    words = ["dewarp", source, "--ball", "31.5,31.5,30,300", "--size", "32x16"]
-    run(*words, "-o", tmp_path / "out.tif")
+    arguments = ["dewarp", source, "--ball", "31.5,31.5,30,300", "--size", "32x16"]
+    run(*arguments, "-o", tmp_path / "out.tif")
     for kind, magic in ((None, b"\x89PNG"), ("tif", b"II*\0"), ("jpg", b"\xff\xd8\xff")):
-        piped = run(*words, "-o", f"{kind}:-" if kind else "-")
-        assert piped.stdout_bytes.startswith(magic)
+        result = run(*arguments, "-o", f"{kind}:-" if kind else "-")
+        assert result.stdout_bytes.startswith(magic)
         if kind != "jpg":
-            picture = cv2.imdecode(
-                np.frombuffer(piped.stdout_bytes, np.uint8), cv2.IMREAD_UNCHANGED
-            )
+            image = cv2.imdecode(np.frombuffer(result.stdout_bytes, np.uint8), cv2.IMREAD_UNCHANGED)
             assert np.array_equal(
-                picture, cv2.imread(str(tmp_path / "out.tif"), cv2.IMREAD_UNCHANGED)
+                image, cv2.imread(str(tmp_path / "out.tif"), cv2.IMREAD_UNCHANGED)
             )
 
 
 def test_figure_on_standard_output():
-    assert run("spots", "paper-spherical", *FEW, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
-    assert b"<svg" in run("spots", "paper-spherical", *FEW, "-o", "svg:-").stdout_bytes
+    assert run("spots", "paper-spherical", *ANGLES, "-o", "-").stdout_bytes.startswith(b"\x89PNG")
+    assert b"<svg" in run("spots", "paper-spherical", *ANGLES, "-o", "svg:-").stdout_bytes
 
 
 @pytest.mark.parametrize(
-    ("args", "sentence"),
+    ("args", "message"),
     [
         (
             ["evaluate", "paper-spherical", "--csv", "-", "--json", "-"],
@@ -85,11 +83,11 @@ def test_figure_on_standard_output():
         (["evaluate", "paper-spherical", "--csv", ""], "must not be empty"),
     ],
 )
-def test_invalid_standard_output_raises(args, sentence, tmp_path, monkeypatch, capsys):
+def test_invalid_standard_output_raises(args, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=r"^2$"):
         main(args)
-    assert sentence in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -103,8 +101,8 @@ def test_closed_pipe_is_no_error():
         "--omega-deg",
         "0:130:.01",
     ]
-    for words in (command, [*command, "--csv", "-"]):
-        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    for arguments in (command, [*command, "--csv", "-"]):
+        with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             assert process.stdout.readline()
             process.stdout.close()
             assert b"omnimirror: " not in process.stderr.read()
@@ -116,27 +114,27 @@ def test_output_options_support_standard_output():
     paths."""
     from omnimirror.apps.cli._output import Output
 
-    writes = ("csv_file", "json_file", "output", "out", "figure", "panorama")
+    output_names = ("csv_file", "json_file", "output", "out", "figure", "panorama")
 
-    def leaves(command, name):
+    def subcommands(command, name):
         for sub in getattr(command, "commands", {}).values():
-            yield from leaves(sub, f"{name} {sub.name}")
+            yield from subcommands(sub, f"{name} {sub.name}")
         yield name, command
 
     context = app.make_context("omnimirror", ["evaluate"])
     for name in COMMANDS:
-        for path, command in leaves(app.get_command(context, name), name):
+        for path, command in subcommands(app.get_command(context, name), name):
             for parameter in command.params:
                 is_folder = getattr(parameter.type, "file_okay", True) is False or path in (
                     "reproduce",
                     "demo",
                 )
-                if parameter.name in writes and not is_folder and not parameter.is_flag:
+                if parameter.name in output_names and not is_folder and not parameter.is_flag:
                     assert isinstance(parameter.type, Output), f"{path} {parameter.opts}"
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("command_line", "message"),
     [
         (
             "rim a.png -o ./a.png",
@@ -162,7 +160,7 @@ def test_output_options_support_standard_output():
     ],
 )
 def test_outputs_must_not_overwrite_inputs_or_outputs(
-    words, sentence, tmp_path, monkeypatch, capsys
+    command_line, message, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.zeros((64, 64, 3), np.uint8))
@@ -170,13 +168,13 @@ def test_outputs_must_not_overwrite_inputs_or_outputs(
     (tmp_path / "link.toml").symlink_to("s.toml")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with pytest.raises(SystemExit, match=r"^[12]$"):
-        main(words.split())
-    assert sentence in capsys.readouterr().err
+        main(command_line.split())
+    assert message in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_two_outputs_to_one_device():
-    run("evaluate", "paper-spherical", *FEW, "--csv", "/dev/null", "--json", "/dev/null")
+    run("evaluate", "paper-spherical", *ANGLES, "--csv", "/dev/null", "--json", "/dev/null")
 
 
 def test_messages_on_standard_error_and_text_on_standard_output(capsys):
@@ -185,9 +183,9 @@ def test_messages_on_standard_error_and_text_on_standard_output(capsys):
     _output.print_notice("a [bold]b[/bold] \x1b[31m")
     _output.print_remark("c \x1b]0;d")
     _output.print_line("1 of 2 ", ("e.csv", "bold"))
-    told = capsys.readouterr()
-    assert told.err == "omnimirror: a [bold]b[/bold] \\x1b[31m\nc \\x1b]0;d\n"
-    assert told.out == "1 of 2 e.csv\n"
+    output = capsys.readouterr()
+    assert output.err == "omnimirror: a [bold]b[/bold] \\x1b[31m\nc \\x1b]0;d\n"
+    assert output.out == "1 of 2 e.csv\n"
 
 
 class Screen(io.StringIO):
@@ -211,7 +209,7 @@ def without_styles(screen):
     return re.sub(r"\x1b\[[\d;]*m", "", screen.getvalue())
 
 
-ERASED = "\x1b[1A\x1b[2K"
+ERASURE = "\x1b[1A\x1b[2K"
 """Erasure of the line of a progress bar at its end."""
 
 
@@ -224,12 +222,12 @@ def test_progress_bar_of_frames(monkeypatch):
         assert re.search(r"0/\? 0 frames/s", without_styles(terminal))
         update(FrameProgress(3, 10, 25.4, 1.0, 2.0))
     assert re.search(r"Dewarping .* 3/10 25 frames/s", without_styles(terminal))
-    assert terminal.getvalue().endswith(ERASED)
-    piped = io.StringIO()
-    monkeypatch.setattr(sys, "stderr", piped)
+    assert terminal.getvalue().endswith(ERASURE)
+    pipe = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", pipe)
     with _output.frame_rate_bar() as update:
         update(FrameProgress(10, 10, 25.0, 1.0, 0.0))
-    assert piped.getvalue() == ""
+    assert pipe.getvalue() == ""
 
 
 def test_progress_bar_with_description(monkeypatch):
@@ -238,11 +236,11 @@ def test_progress_bar_with_description(monkeypatch):
     with bar:
         bar.add_task("[red]a[/red]", total=2, completed=1)
     assert "[red]a[/red] " in terminal.getvalue()
-    assert terminal.getvalue().endswith(ERASED)
-    piped = io.StringIO()
-    with _output.progress_bar(Console(file=piped)) as bar:
+    assert terminal.getvalue().endswith(ERASURE)
+    pipe = io.StringIO()
+    with _output.progress_bar(Console(file=pipe)) as bar:
         bar.add_task("a", total=2)
-    assert piped.getvalue() == ""
+    assert pipe.getvalue() == ""
 
 
 def test_rows_are_those_of_a_plain_table():
@@ -267,14 +265,14 @@ def test_rows_are_those_of_a_plain_table():
 
 def test_pipes_have_lines_of_200_characters(monkeypatch):
     """Tables wrap there; lines of text do not."""
-    stream, other = io.StringIO(), io.StringIO()
+    stream, second_stream = io.StringIO(), io.StringIO()
     monkeypatch.setattr(sys, "stdout", stream)
     assert _output.output_console().width == 200
     _output.print_line("x" * 300)
-    _output.print_line("y", console=Console(file=other))
+    _output.print_line("y", console=Console(file=second_stream))
     _output.print_written(None, Path("-"), Path("a.csv"))
     assert stream.getvalue() == "x" * 300 + "\nWrote a.csv\n"
-    assert other.getvalue() == "y\n"
+    assert second_stream.getvalue() == "y\n"
 
 
 def test_terminal_output_has_only_own_styles(monkeypatch):
@@ -298,14 +296,14 @@ def test_device_among_several_outputs(tmp_path, monkeypatch):
         pass
 
     monkeypatch.chdir(tmp_path)
-    words = ["--a", "/dev/null", "--a", "f"]
-    _output.check_output_files(command.make_context("x", [*words, "--b", "g"]))
+    arguments = ["--a", "/dev/null", "--a", "f"]
+    _output.check_output_files(command.make_context("x", [*arguments, "--b", "g"]))
     with pytest.raises(click.UsageError, match="--a and --b must not both be written to f"):
-        _output.check_output_files(command.make_context("x", [*words, "--b", "./f"]))
+        _output.check_output_files(command.make_context("x", [*arguments, "--b", "./f"]))
     # in the order of the declarations
     command.params.reverse()
     with pytest.raises(click.UsageError, match="--b and --a must not both be written to f"):
-        _output.check_output_files(command.make_context("x", [*words, "--b", "f"]))
+        _output.check_output_files(command.make_context("x", [*arguments, "--b", "f"]))
 
 
 def test_existing_outputs_are_overwritten_unless_they_are_inputs(tmp_path, monkeypatch):

@@ -58,7 +58,7 @@ format = ".png"
 """
 VIEWS = '[front]\nview = "perspective"\nsize = [64, 48]\n'
 
-ENDLESS: dict[str, tuple[tuple[str, ...], str]] = {
+ENDLESS_COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {
     "reproduce": (("reproduce", "-o", "out"), "out/*"),
     "tolerance": (
         ("tolerance", "paper-spherical", "tolerances.toml", "--trials", "100000000", "-o", "out"),
@@ -236,7 +236,7 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
     "apertures": (("apertures", "paper-spherical"), "apps.cli.commands.apertures:best_apertures"),
 }
 """Short commands, and the function of their module that a test repeats until a signal arrives."""
-REPEAT = """
+REPEAT_SCRIPT = """
 import functools, importlib, pathlib, sys
 from omnimirror.__main__ import run
 is_repeated = bool(sys.argv.pop(1))
@@ -253,9 +253,9 @@ def repeated(*args, **more):
 setattr(owner, name, repeated)
 run()
 """
-KEEP = ("dewarp", "simulate", "dataset", "training", "design")
+REPORTING_COMMANDS = ("dewarp", "simulate", "dataset", "training", "design")
 """Commands that first report completed work."""
-EVERYDAY = [
+DEFAULT_CASES = [
     ("reproduce", signal.SIGTERM),
     ("tolerance", signal.SIGHUP),
     ("dewarp a video", signal.SIGHUP),
@@ -283,27 +283,27 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def listens(process: int, number: int) -> bool:
+def has_handler(process: int, number: int) -> bool:
     """Check if a process has a handler for a signal, other than the interpreter's for Ctrl-C."""
-    caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
+    match = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
     return bool(
-        int(caught[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1
+        int(match[1], 16) & 1 << (number if number != signal.SIGINT else signal.SIGTERM) - 1
     )
 
 
 def processes_of(mark: str) -> list[int]:
     """Return running processes with the mark in their environment."""
-    found = []
+    processes = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             if f"{MARK}={mark}".encode() in (folder / "environ").read_bytes():
-                found.append(int(folder.name))
+                processes.append(int(folder.name))
         except OSError:  # owned by others, or ended
             continue
-    return found
+    return processes
 
 
-def unignored() -> None:
+def reset_signals() -> None:
     """Reset signals to their default actions: background jobs and nohup ignore some, and children
     inherit that."""
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -318,36 +318,36 @@ def wait_until(state: Callable[[], bool], run: subprocess.Popen) -> None:
 
 
 @pytest.fixture
-def place(tmp_path):
+def folder(tmp_path):
     """A folder with inputs, and one for temporary files."""
     (tmp_path / "temporary").mkdir()
     (tmp_path / "work").mkdir()
     return tmp_path
 
 
-def prepare(folder: Path, words: tuple[str, ...]) -> None:
-    picture = np.full((64, 64, 3), 90, np.uint8)
-    if "long.mp4" in words:
+def write_inputs(folder: Path, arguments: tuple[str, ...]) -> None:
+    image = np.full((64, 64, 3), 90, np.uint8)
+    if "long.mp4" in arguments:
         with av.open(str(folder / "long.mp4"), "w") as file:
             stream = file.add_stream("mpeg4", rate=25)
             stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
             for _ in range(500):
-                file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+                file.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
             file.mux(stream.encode())
-    if "tolerances.toml" in words:
+    if "tolerances.toml" in arguments:
         omnimirror("tolerance", "init", "paper-spherical", cwd=folder)
-    if "many" in words:
+    if "many" in arguments:
         for number in range(100):
-            om.write_image(folder / "many" / f"{number}.png", picture)
+            om.write_image(folder / "many" / f"{number}.png", image)
     for name, count, side in (("boards", 400, 320), ("view", 1, 256), ("large", 1, 1024)):
-        if any(word.startswith(name) for word in words) or (
-            "job.toml" in words and name == "large"
+        if any(argument.startswith(name) for argument in arguments) or (
+            "job.toml" in arguments and name == "large"
         ):
             for number in range(count):
                 om.write_image(folder / name / f"{number}.png", noise(side))
-    if "ride" in words:
-        ride(folder / "ride", picture)
-    if "points.csv" in words:
+    if "ride" in arguments:
+        write_bag(folder / "ride", image)
+    if "points.csv" in arguments:
         x, y = (
             grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 30), np.linspace(-20, 20, 30))
         )
@@ -365,11 +365,11 @@ def noise(side: int) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 256, (side, side, 3), np.uint8)
 
 
-def ride(folder: Path, picture: np.ndarray) -> None:
+def write_bag(folder: Path, image: np.ndarray) -> None:
     """Write a robot recording that repeats one image."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     types = store.types
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
         kind = "sensor_msgs/msg/Image"
         connection = writer.add_connection("/camera/image_raw", kind, typestore=store)
@@ -377,27 +377,32 @@ def ride(folder: Path, picture: np.ndarray) -> None:
             header = types["std_msgs/msg/Header"](
                 types["builtin_interfaces/msg/Time"](number, 0), "camera"
             )
-            message = types[kind](header, height, width, "rgb8", 0, 3 * width, picture.ravel())
+            message = types[kind](header, height, width, "rgb8", 0, 3 * width, image.ravel())
             writer.write(connection, number * 10**9, store.serialize_cdr(message, kind))
 
 
 @pytest.mark.parametrize(
     ("name", "number"),
-    few([(name, n) for name in (*ENDLESS, *REPEATED) for n in SIGNALS], *EVERYDAY),
+    few([(name, n) for name in (*ENDLESS_COMMANDS, *REPEATED) for n in SIGNALS], *DEFAULT_CASES),
 )
-def test_signal_ends_command_without_temporary_files(name, number, place, request):
+def test_signal_ends_command_without_temporary_files(name, number, folder, request):
     program = ["-m", "omnimirror"]
-    words, file = (ENDLESS | REPEATED)[name]
+    arguments, file = (ENDLESS_COMMANDS | REPEATED)[name]
     if ":" in file:
-        program = ["-c", REPEAT, "repeated" if name in REPEATED else "", f"omnimirror.{file}"]
+        program = [
+            "-c",
+            REPEAT_SCRIPT,
+            "repeated" if name in REPEATED else "",
+            f"omnimirror.{file}",
+        ]
         file = "begun"
-    if "--preview" in words:
+    if "--preview" in arguments:
         request.getfixturevalue("display")
-    work, temporary = place / "work", place / "temporary"
-    prepare(work, words)
-    environment = {**os.environ, MARK: str(place), "TMPDIR": str(temporary)}
+    work, temporary = folder / "work", folder / "temporary"
+    write_inputs(work, arguments)
+    environment = {**os.environ, MARK: str(folder), "TMPDIR": str(temporary)}
     with subprocess.Popen(
-        [sys.executable, *program, *words],
+        [sys.executable, *program, *arguments],
         cwd=work,
         env=environment,
         text=True,
@@ -405,52 +410,56 @@ def test_signal_ends_command_without_temporary_files(name, number, place, reques
         stderr=subprocess.PIPE,
         stdin=subprocess.DEVNULL,
         process_group=0,
-        preexec_fn=unignored,
+        preexec_fn=reset_signals,
     ) as run:
         if file == "stdout":
             assert run.stdout.readline()
         elif file.endswith("processes"):
-            wait_until(lambda: len(processes_of(str(place))) >= int(file.split()[0]), run)
+            wait_until(lambda: len(processes_of(str(folder))) >= int(file.split()[0]), run)
         elif file:
             wait_until(lambda: any(work.glob(file)), run)
         else:
-            wait_until(lambda: listens(run.pid, number), run)
+            wait_until(lambda: has_handler(run.pid, number), run)
         if number == signal.SIGTERM:
             run.send_signal(number)
         else:  # a terminal sends it to all processes of the command
             os.killpg(run.pid, number)
-        said = run.communicate()[1]
-    assert run.returncode == 128 + number, said
-    assert "Traceback" not in said
-    assert "ignored" not in said
+        messages = run.communicate()[1]
+    assert run.returncode == 128 + number, messages
+    assert "Traceback" not in messages
+    assert "ignored" not in messages
     lines = [
-        line for line in said.split("\n") if not line.endswith("retrying")
+        line for line in messages.split("\n") if not line.endswith("retrying")
     ]  # of a publisher, at any time
-    assert sum("omnimirror: stopped" in line for line in lines) == 1, said
-    assert len([line for line in lines if line]) <= 1 + name.startswith(KEEP), said
+    assert sum("omnimirror: stopped" in line for line in lines) == 1, messages
+    assert len([line for line in lines if line]) <= 1 + name.startswith(REPORTING_COMMANDS), (
+        messages
+    )
     assert [path.name for path in work.rglob("*") if ".omnimirror-" in path.name] == []
     assert list(temporary.rglob("*omnimirror*")) == []
-    assert processes_of(str(place)) == []
+    assert processes_of(str(folder)) == []
 
 
-def leaves(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def command_paths(
+    command: click.Command, parents: tuple[str, ...] = ()
+) -> Iterator[tuple[str, ...]]:
     """Yield the words of each command below a group."""
     if not isinstance(command, click.Group):
-        yield words
+        yield parents
         return
     context = click.Context(command)
     for name in command.list_commands(context):
-        yield from leaves(command.get_command(context, name), (*words, name))
+        yield from command_paths(command.get_command(context, name), (*parents, name))
 
 
-class Deaf:
+class SignalOnAccess:
     """Attribute in which the interpreter wraps the signal exception in RuntimeError."""
 
     def __set_name__(self, owner, name):
         signal.raise_signal(signal.SIGTERM)
 
 
-def in_an_import():
+def interrupted_import():
     """Raise the missing-package message for an extension module with interrupted initialisation."""
     try:
         try:
@@ -462,21 +471,23 @@ def in_an_import():
 
 
 @pytest.mark.parametrize(
-    "wrapped", [lambda: type("Owner", (), {"attribute": Deaf()}), in_an_import]
+    "interruption", [lambda: type("Owner", (), {"attribute": SignalOnAccess()}), interrupted_import]
 )
-def test_wrapped_signal_ends_command(wrapped, monkeypatch, capsys):
-    monkeypatch.setattr(sensors, "bundled_sensors", wrapped)
-    with pytest.raises(SystemExit) as ended:
+def test_wrapped_signal_ends_command(interruption, monkeypatch, capsys):
+    monkeypatch.setattr(sensors, "bundled_sensors", interruption)
+    with pytest.raises(SystemExit) as error:
         main(["sensors"])
-    assert ended.value.code == 128 + signal.SIGTERM
+    assert error.value.code == 128 + signal.SIGTERM
     assert "omnimirror: stopped" in capsys.readouterr().err
 
 
 def test_all_commands_are_interrupted():
-    called = [words for words, _ in (*ENDLESS.values(), *REPEATED.values())]
-    called.append(("simulate", "image"))  # to which "simulate SENSOR" expands
+    tested = [arguments for arguments, _ in (*ENDLESS_COMMANDS.values(), *REPEATED.values())]
+    tested.append(("simulate", "image"))  # to which "simulate SENSOR" expands
     assert [
-        words for words in leaves(app) if not any(words == those[: len(words)] for those in called)
+        arguments
+        for arguments in command_paths(app)
+        if not any(arguments == prefix[: len(arguments)] for prefix in tested)
     ] == []
 
 
@@ -536,27 +547,27 @@ def test_main_restores_process_state(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     om.write_image(tmp_path / "a.png", np.full((64, 64, 3), 90, np.uint8))
-    words, code = CALLS[name]
+    arguments, code = CALLS[name]
     before = state()
     if code is None:
-        main(list(words))
+        main(list(arguments))
     else:
-        with pytest.raises(SystemExit) as ended:
-            main(list(words))
-        assert ended.value.code == code
+        with pytest.raises(SystemExit) as error:
+            main(list(arguments))
+        assert error.value.code == code
     assert state() == before
 
 
 @pytest.mark.parametrize("number", SIGNALS)
 def test_main_restores_process_state_after_signal(number, monkeypatch, capsys):
     inherited = {n: signal.getsignal(n) for n in SIGNALS}
-    unignored()  # background jobs and nohup ignore some
+    reset_signals()  # background jobs and nohup ignore some
     try:
         before = state()
         monkeypatch.setattr(sensors, "bundled_sensors", lambda: signal.raise_signal(number))
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as error:
             main(["sensors"])
-        assert ended.value.code == 128 + number
+        assert error.value.code == 128 + number
         assert "omnimirror: stopped" in capsys.readouterr().err
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         assert state() == before
@@ -586,15 +597,15 @@ def test_main_keeps_streams_of_caller(tmp_path):
     assert run.stderr.endswith("by the caller")
 
 
-@pytest.mark.parametrize("where", ["cli.app.invoke", "cli.main"])
-def test_ctrl_c_during_exec_sets_exit_code(where, tmp_path):
+@pytest.mark.parametrize("function", ["cli.app.invoke", "cli.main"])
+def test_ctrl_c_during_exec_sets_exit_code(function, tmp_path):
     """Case of dataclass definitions: the interpreter would end with SIGINT even if the exception is
     handled."""
     (tmp_path / "interrupted.py").write_text(
         "import signal, sys, omnimirror.apps.cli as cli\n"
         "from omnimirror.__main__ import run\n"
         "def work(*args, **more): exec('signal.raise_signal(signal.SIGINT)')\n"
-        f"{where} = work\n"
+        f"{function} = work\n"
         "sys.argv = ['omnimirror', 'sensors']\n"
         "run()\n"
     )
@@ -604,7 +615,7 @@ def test_ctrl_c_during_exec_sets_exit_code(where, tmp_path):
         text=True,
         timeout=300,
         cwd=tmp_path,
-        preexec_fn=unignored,
+        preexec_fn=reset_signals,
     )
     assert (run.returncode, run.stderr.strip()) == (128 + signal.SIGINT, "omnimirror: stopped")
 

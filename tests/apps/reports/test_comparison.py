@@ -47,13 +47,13 @@ def test_page_contains_table_curves_and_images(comparison, tmp_path):
     assert page.count("data:image/svg+xml") == 1
     reference = BytesIO()
     Image.new("RGB", (8, 8)).save(reference, "JPEG", quality=90)
-    pictures = [
+    images = [
         Image.open(BytesIO(b64decode(data)))
         for data in re.findall(r'data:image/jpeg;base64,([^"]+)"', page)
     ]
-    assert [picture.width for picture in pictures] == 3 * [128] + 3 * [1440]
-    with Image.open(reference) as usual:
-        assert all(picture.quantization == usual.quantization for picture in pictures)
+    assert [image.width for image in images] == 3 * [128] + 3 * [1440]
+    with Image.open(reference) as expected:
+        assert all(image.quantization == expected.quantization for image in images)
     assert not re.search(r'(src|href)="(?!data:)', page)
     for row in comparison.rows:
         cells = re.search(
@@ -97,9 +97,9 @@ def test_sheet_keeps_image_colours(comparison):
     assert sheet.dtype == np.uint8
     assert sheet.shape[1:] == (1440, 3)
     assert (sheet[0] == 255).all()
-    places = [np.argwhere((sheet == colour).all(axis=2)) for row in colours for colour in row]
-    assert all(len(place) > 5000 for place in places)
-    middles = [place.mean(axis=0) for place in places]
+    pixels = [np.argwhere((sheet == colour).all(axis=2)) for row in colours for colour in row]
+    assert all(len(positions) > 5000 for positions in pixels)
+    middles = [positions.mean(axis=0) for positions in pixels]
     assert [m[1] for m in middles[:3]] == sorted(
         m[1] for m in middles[:3]
     )  # circles from left to right
@@ -119,12 +119,12 @@ def test_other_suffixes_raise_before_rendering(comparison, tmp_path):
 def test_panoramas_have_common_elevations(comparison):
     """Panoramas agree in the common field, including that of the folded sensor; black outside the
     field of a sensor."""
-    one, folded, telecentric = (p.astype(int) for p in render_images(comparison, ROOM).panoramas)
-    assert one.shape == folded.shape == telecentric.shape
-    rows = slice(one.shape[0] // 4, one.shape[0] // 2)
-    assert np.abs(one - folded)[rows].mean() < 3
-    assert np.abs(one - folded[:, ::-1])[rows].mean() > 20
-    assert not telecentric[: one.shape[0] // 8].any()
+    single, folded, telecentric = (p.astype(int) for p in render_images(comparison, ROOM).panoramas)
+    assert single.shape == folded.shape == telecentric.shape
+    rows = slice(single.shape[0] // 4, single.shape[0] // 2)
+    assert np.abs(single - folded)[rows].mean() < 3
+    assert np.abs(single - folded[:, ::-1])[rows].mean() > 20
+    assert not telecentric[: single.shape[0] // 8].any()
 
 
 def test_curves_equal_evaluation(comparison):
@@ -159,6 +159,6 @@ def test_command_line(tmp_path):
     assert (
         (tmp_path / "c.csv").read_text().startswith("quantity,paper-spherical,folded-spherical\n")
     )
-    wrong = omnimirror("compare", *["paper-spherical"] * 7, cwd=tmp_path)
-    assert wrong.returncode == 2
-    assert "the number of sensors must be 1 to 6; got 7" in wrong.stderr
+    failure = omnimirror("compare", *["paper-spherical"] * 7, cwd=tmp_path)
+    assert failure.returncode == 2
+    assert "the number of sensors must be 1 to 6; got 7" in failure.stderr

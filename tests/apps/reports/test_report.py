@@ -45,8 +45,8 @@ def test_page_is_self_contained(demo):
     page.feed((demo / "report.html").read_text())
     assert page.fetched == []
     png = [p for p in page.pictures if p.startswith("data:image/png;base64,")]
-    held = {base64.b64decode(p.split(",", 1)[1]) for p in png}
-    assert held == {(demo / f"{n}.png").read_bytes() for n in ("circle", "panorama", "view")}
+    images = {base64.b64decode(p.split(",", 1)[1]) for p in png}
+    assert images == {(demo / f"{n}.png").read_bytes() for n in ("circle", "panorama", "view")}
     assert len([p for p in page.pictures if p.startswith("data:image/svg+xml")]) >= 6
 
 
@@ -69,25 +69,25 @@ def test_printed_commands_reproduce_images(demo, tmp_path):
     for command in commands:
         assert omnimirror(*command.split()[1:], cwd=tmp_path).returncode == 0
     for name in ("panorama", "view"):
-        ours, again = (cv2.imread(str(folder / f"{name}.png")) for folder in (demo, tmp_path))
-        np.testing.assert_array_equal(ours, again)
+        expected, result = (cv2.imread(str(folder / f"{name}.png")) for folder in (demo, tmp_path))
+        np.testing.assert_array_equal(expected, result)
 
 
 @pytest.mark.full
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "text"),
     [
         ("paraboloid-telecentric", "paraboloid, rim diameter 50 mm"),
         ("folded-spherical", "sphere, rim diameter 87.81 mm"),
     ],
 )
-def test_other_sensors(name, told, tmp_path):
+def test_other_sensors(name, text, tmp_path):
     sensor = om.load_sensor(name)
     pixels = replace(
         sensor.imager, width_px=128, height_px=128, pixel_pitch_um=8 * sensor.imager.pixel_pitch_um
     )
-    assert told in write_demo(replace(sensor, imager=pixels), tmp_path).read_text()
+    assert text in write_demo(replace(sensor, imager=pixels), tmp_path).read_text()
 
 
 def test_unwritable_folder_prints_one_line(tmp_path):
@@ -104,18 +104,18 @@ def test_obscuration_and_progress_are_reported(tmp_path, monkeypatch):
     small = replace(
         sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)
     )
-    told = []
+    progress_calls = []
     page = write_demo(
         replace(small, housing=Housing(CameraBody(60.0))),
         tmp_path,
         blur=False,
-        on_progress=lambda *now: told.append(now),
+        on_progress=lambda *arguments: progress_calls.append(arguments),
     )
-    shares = [share for _, share in told]
+    shares = [share for _, share in progress_calls]
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert 0.8 < shares[-1] < 1
-    assert {what for what, _ in told} == {"Rendering the image", "Drawing figures"}
+    assert {message for message, _ in progress_calls} == {"Rendering the image", "Drawing figures"}
     assert (
         "<dt>Obscured</dt><dd>camera 0 to 8.435 deg; total 0.71 % of the image</dd>"
         in page.read_text()

@@ -36,37 +36,39 @@ def test_iso_10110_indications():
     assert rows["conic constant"] == "± 0.005"
 
 
-@pytest.mark.parametrize("wanted", [None, pytest.param(0.9, marks=pytest.mark.full)])
-def test_page_contains_report(tmp_path, wanted):
-    found = om.tolerance(SENSOR, PLAN, trials=500, target_yield=wanted)
-    page = write_tolerances(found, tmp_path / "order.html").read_text(encoding="utf-8")
+@pytest.mark.parametrize("target_yield", [None, pytest.param(0.9, marks=pytest.mark.full)])
+def test_page_contains_report(tmp_path, target_yield):
+    result = om.tolerance(SENSOR, PLAN, trials=500, target_yield=target_yield)
+    page = write_tolerances(result, tmp_path / "order.html").read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml") == 2
     assert not re.search(r'(src|href)="(?!data:)', page)
-    of = found.statistics.yields if found.allocation is None else found.allocation.confirmed_yield
-    assert f"{100 * of.value:.2f} %" in page
-    assert f"{100 * of.low:.2f} to {100 * of.high:.2f} %" in page
-    held = {name: bound.value for name, bound in ERRORS.items()}
-    held |= {} if found.allocation is None else dict(found.allocation.tolerances)
+    yields = (
+        result.statistics.yields if result.allocation is None else result.allocation.confirmed_yield
+    )
+    assert f"{100 * yields.value:.2f} %" in page
+    assert f"{100 * yields.low:.2f} to {100 * yields.high:.2f} %" in page
+    tolerances = {name: bound.value for name, bound in ERRORS.items()}
+    tolerances |= {} if result.allocation is None else dict(result.allocation.tolerances)
     rows = dict(re.findall(r"<small>([\w.]+)</small></th><td>± ([\d.e+-]+)", page))
     assert rows.keys() == ERRORS.keys()
-    for name, words in rows.items():
-        assert float(words) == pytest.approx(held[name], rel=5e-3)
+    for name, value in rows.items():
+        assert float(value) == pytest.approx(tolerances[name], rel=5e-3)
     prices = [float(p) for p in re.findall(r"<td>uniform</td><td>([\d.e+-]+)</td>", page)]
-    told = sum(prices)
-    assert told == pytest.approx(
-        len(ERRORS) if found.allocation is None else found.allocation.cost, rel=1e-2
+    total = sum(prices)
+    assert total == pytest.approx(
+        len(ERRORS) if result.allocation is None else result.allocation.cost, rel=1e-2
     )
 
 
 def test_command_writes_page_and_other_suffixes_raise(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "t.toml").write_text('[[error]]\nname = "lens.k1"\ntolerance = 0.1\n')
-    done = omnimirror(
+    run = omnimirror(
         "tolerance", "paper-spherical", "t.toml", "--trials", "50", "--report", "order.html"
     )
-    assert done.returncode == 0, done.stderr
+    assert run.returncode == 0, run.stderr
     assert "Tolerances of paper-spherical" in (tmp_path / "order.html").read_text(encoding="utf-8")
-    found = om.tolerance(SENSOR, PLAN, trials=10)
+    result = om.tolerance(SENSOR, PLAN, trials=10)
     with pytest.raises(InvalidParameter, match=r"suffix \.html; got order\.pdf"):
-        write_tolerances(found, "order.pdf")
-    assert np.isfinite(found.statistics.mean("motion_px"))
+        write_tolerances(result, "order.pdf")
+    assert np.isfinite(result.statistics.mean("motion_px"))

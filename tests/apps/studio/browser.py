@@ -37,7 +37,7 @@ REFUSED_CAMERA = [FAKE_CAMERA[0], "--use-fake-ui-for-media-stream=deny"]
 COARSE = {
     "device_scale_factor": 0.5
 }  # half the resolution per side: software rendering takes 25 % of the time
-PATIENCE_MS = 300_000  # sufficient for slow machines
+TIMEOUT_MS = 300_000  # sufficient for slow machines
 BASE64 = """(values) => {
   let text = "";
   const bytes = new Uint8Array(values.buffer);
@@ -54,10 +54,10 @@ def serving(studio: Studio, port: int = 0) -> AbstractContextManager[str]:
 
 def chromium() -> str:
     """Return the path of the browser; skip the test if it is missing."""
-    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, BROWSERS)), None)
-    if not found:
+    path = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, BROWSERS)), None)
+    if not path:
         pytest.skip("there is no chromium here, which the tests of the page drive")
-    return found
+    return path
 
 
 def open_page(browser, url: str, width: int = 400, height: int = 400, script: str = "", **options):
@@ -72,7 +72,7 @@ def open_page(browser, url: str, width: int = 400, height: int = 400, script: st
     context = browser.new_context(viewport=viewport, bypass_csp=True, **COARSE | options)
     context.add_init_script(script)
     page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     page.problems = []
     page.on("pageerror", lambda e: page.problems.append(str(e)))
     page.goto(url)
@@ -97,7 +97,7 @@ def coordinates(page, width: int, height: int) -> np.ndarray:
     return np.where(values[..., 2:3] > 0.5, values[..., :2], np.nan).astype(float)
 
 
-def drawn(page, width: int, height: int) -> np.ndarray:
+def view_pixels(page, width: int, height: int) -> np.ndarray:
     """Return the view (h, w, 4) drawn by the shader, RGBA."""
     script = f"""([w, h]) => {{
       const {{ look }} = window.omnimirror;
@@ -111,10 +111,10 @@ def drawn(page, width: int, height: int) -> np.ndarray:
     return _values(page.evaluate(script, [width, height]), np.uint8)
 
 
-def _values(found: dict, kind: type) -> np.ndarray:
+def _values(result: dict, kind: type) -> np.ndarray:
     """Return the result of a page script, (h, w, 4)."""
-    width, height = found["size"]
-    return np.frombuffer(base64.b64decode(found["values"]), kind).reshape(height, width, 4)
+    width, height = result["size"]
+    return np.frombuffer(base64.b64decode(result["values"]), kind).reshape(height, width, 4)
 
 
 def command(page, width: int, height: int) -> str:
@@ -122,6 +122,6 @@ def command(page, width: int, height: int) -> str:
     return page.evaluate("([w, h]) => window.omnimirror.look.viewIn(w, h).command", [width, height])
 
 
-def look(page, **state) -> None:
+def set_state(page, **state) -> None:
     """Set the state of the view, as stored in the address."""
     page.evaluate("(state) => window.omnimirror.store.set(state)", state)

@@ -19,7 +19,7 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 NAMES = ("firefox-esr", "firefox")
-PATIENCE_S = 300.0  # sufficient for slow machines
+TIMEOUT_S = 300.0  # sufficient for slow machines
 PREFERENCES = {
     "webgl.force-enabled": True,
     "gfx.webrender.software": True,
@@ -30,7 +30,7 @@ PREFERENCES = {
 }
 SOFTWARE = {"LIBGL_ALWAYS_SOFTWARE": "1", "MOZ_WEBGL_FORCE_EGL": "1"}
 """WebGL without a graphics card."""
-READY = re.compile(r"WebDriver BiDi listening on (ws://\S+)\n")
+ADDRESS = re.compile(r"WebDriver BiDi listening on (ws://\S+)\n")
 POLL = """new Promise((done) => {{
   const look = () => {{
     let found = null;
@@ -43,10 +43,10 @@ POLL = """new Promise((done) => {{
 
 def firefox() -> str:
     """Return the path of Firefox; skip the test if it is missing."""
-    found = os.environ.get("FIREFOX") or next(filter(None, map(shutil.which, NAMES)), None)
-    if not found:
+    path = os.environ.get("FIREFOX") or next(filter(None, map(shutil.which, NAMES)), None)
+    if not path:
         pytest.skip("there is no firefox here (apt-get install firefox-esr)")
-    return found
+    return path
 
 
 @contextmanager
@@ -65,30 +65,30 @@ def running(folder: Path) -> Iterator[Firefox]:
         "--profile",
         str(folder),
     ]
-    environment, told = {**os.environ, **SOFTWARE, "HOME": str(folder)}, folder / "told.txt"
+    environment, log = {**os.environ, **SOFTWARE, "HOME": str(folder)}, folder / "log.txt"
     with (
-        told.open("w") as out,
+        log.open("w") as file,
         subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=out, env=environment
+            command, stdout=subprocess.DEVNULL, stderr=file, env=environment
         ) as process,
     ):
         try:
-            address = _listening(process, told)
-            with connect(f"{address}/session", max_size=None, open_timeout=PATIENCE_S) as socket:
+            address = _remote_address(process, log)
+            with connect(f"{address}/session", max_size=None, open_timeout=TIMEOUT_S) as socket:
                 page = Firefox(socket)
                 yield page
-                page.tell("browser.close")
+                page.send("browser.close")
         finally:
             process.terminate()
 
 
-def _listening(process: subprocess.Popen[bytes], told: Path) -> str:
+def _remote_address(process: subprocess.Popen[bytes], log: Path) -> str:
     """Return the address of the remote agent from its output."""
     while process.poll() is None:
-        if found := READY.search(told.read_text()):
-            return found[1]
+        if match := ADDRESS.search(log.read_text()):
+            return match[1]
         time.sleep(0.05)
-    raise AssertionError(f"firefox ended before it listened: {told.read_text()}")
+    raise AssertionError(f"firefox ended before it listened: {log.read_text()}")
 
 
 class Firefox:
@@ -98,16 +98,16 @@ class Firefox:
         self._socket = socket
         self._numbers = count(1)
         self.problems: list[str] = []
-        self.tell("session.new", capabilities={})
-        self.tell("session.subscribe", events=["log.entryAdded"])
-        self.context = self.tell("browsingContext.getTree")["contexts"][0]["context"]
+        self.send("session.new", capabilities={})
+        self.send("session.subscribe", events=["log.entryAdded"])
+        self.context = self.send("browsingContext.getTree")["contexts"][0]["context"]
 
-    def tell(self, method: str, **parameters: Any) -> Any:
+    def send(self, method: str, **parameters: Any) -> Any:
         """Send a command and return its result; error events in between are recorded."""
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._socket.recv(timeout=PATIENCE_S))
+            message = json.loads(self._socket.recv(timeout=TIMEOUT_S))
             if message.get("method") == "log.entryAdded":
                 entry = message["params"]
                 if entry["type"] == "javascript" and entry["level"] == "error":
@@ -116,37 +116,37 @@ class Firefox:
                 assert message["type"] == "success", f"{method}: {message}"
                 return message["result"]
 
-    def go(self, url: str) -> None:
+    def open(self, url: str) -> None:
         """Open an address and wait until it is loaded."""
-        self.tell("browsingContext.navigate", context=self.context, url=url, wait="complete")
+        self.send("browsingContext.navigate", context=self.context, url=url, wait="complete")
 
     def size(self, width: int, height: int) -> None:
         """Set the size of the page, px."""
         viewport = {"width": width, "height": height}
-        self.tell("browsingContext.setViewport", context=self.context, viewport=viewport)
+        self.send("browsingContext.setViewport", context=self.context, viewport=viewport)
 
-    def evaluate(self, script: str, *given: Any) -> Any:
+    def evaluate(self, script: str, *argument: Any) -> Any:
         """Return the JSON result of a script; a function receives the given argument."""
-        called = f"({script})({json.dumps(given[0])})" if given else script
-        text = f"Promise.resolve({called}).then((value) => JSON.stringify(value ?? null))"
-        asked = {"expression": text, "target": {"context": self.context}, "awaitPromise": True}
-        found = self.tell("script.evaluate", **asked)
-        assert found["type"] == "success", found["exceptionDetails"]["text"]
-        return json.loads(found["result"]["value"])
+        call = f"({script})({json.dumps(argument[0])})" if argument else script
+        text = f"Promise.resolve({call}).then((value) => JSON.stringify(value ?? null))"
+        request = {"expression": text, "target": {"context": self.context}, "awaitPromise": True}
+        response = self.send("script.evaluate", **request)
+        assert response["type"] == "success", response["exceptionDetails"]["text"]
+        return json.loads(response["result"]["value"])
 
     def wait(self, condition: str) -> None:
         """Wait until a condition is true in the page."""
         self.evaluate(POLL.format(condition=condition))
 
-    def press(self, selector: str) -> None:
+    def click(self, selector: str) -> None:
         """Click at the centre of an element."""
-        place = f"document.querySelector({json.dumps(selector)})"
+        node = f"document.querySelector({json.dumps(selector)})"
         box = self.evaluate(
-            f"(({place}).scrollIntoView({{ block: 'center' }}), ({place}).getBoundingClientRect().toJSON())"
+            f"(({node}).scrollIntoView({{ block: 'center' }}), ({node}).getBoundingClientRect().toJSON())"
         )
-        at = {"x": round(box["x"] + box["width"] / 2), "y": round(box["y"] + box["height"] / 2)}
+        centre = {"x": round(box["x"] + box["width"] / 2), "y": round(box["y"] + box["height"] / 2)}
         steps = [
-            {"type": "pointerMove", **at},
+            {"type": "pointerMove", **centre},
             {"type": "pointerDown", "button": 0},
             {"type": "pointerUp", "button": 0},
         ]
@@ -156,7 +156,7 @@ class Firefox:
             "parameters": {"pointerType": "mouse"},
             "actions": steps,
         }
-        self.tell("input.performActions", context=self.context, actions=[mouse])
+        self.send("input.performActions", context=self.context, actions=[mouse])
 
     def keys(self, *strokes: str) -> None:
         """Press keys in sequence; the keys of a stroke with an initial control key are held until
@@ -166,7 +166,9 @@ class Firefox:
             held = []
             for key in stroke:
                 if key == "\ue000":
-                    actions += [{"type": "keyUp", "value": one} for one in reversed(held)]
+                    actions += [
+                        {"type": "keyUp", "value": pressed_key} for pressed_key in reversed(held)
+                    ]
                     held = []
                 elif stroke.endswith("\ue000"):
                     actions.append({"type": "keyDown", "value": key})
@@ -174,14 +176,14 @@ class Firefox:
                 else:
                     actions += [{"type": "keyDown", "value": key}, {"type": "keyUp", "value": key}]
         keyboard = {"type": "key", "id": "keyboard", "actions": actions}
-        self.tell("input.performActions", context=self.context, actions=[keyboard])
+        self.send("input.performActions", context=self.context, actions=[keyboard])
 
     def choose(self, selector: str, path: Path) -> None:
         """Set the file of an input element."""
-        asked = {
+        request = {
             "expression": f"document.querySelector({json.dumps(selector)})",
             "target": {"context": self.context},
         }
-        found = self.tell("script.evaluate", awaitPromise=False, **asked)["result"]
-        element = {"sharedId": found["sharedId"]}
-        self.tell("input.setFiles", context=self.context, element=element, files=[str(path)])
+        response = self.send("script.evaluate", awaitPromise=False, **request)["result"]
+        element = {"sharedId": response["sharedId"]}
+        self.send("input.setFiles", context=self.context, element=element, files=[str(path)])

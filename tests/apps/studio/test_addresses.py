@@ -16,10 +16,10 @@ from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio._uploads import encoded
 from omnimirror.io import write_image
 
-from .browser import drop, look, open_page, serving
-from .pictures import pattern
-from .test_bench_page import NOW, WITHOUT_PICTURES, enter, settled
-from .test_bench_page import drawn as plots_drawn
+from .browser import drop, open_page, serving, set_state
+from .images import pattern
+from .test_bench_page import CURRENT_DESIGN, WITHOUT_IMAGES, enter_value, wait_for_response
+from .test_bench_page import wait_for_plots as wait_for_plots
 
 SPHERE = om.load_sensor("paper-spherical")
 
@@ -28,7 +28,7 @@ def state(page) -> dict:
     return page.evaluate("window.omnimirror.store.state")
 
 
-def go(page, part: str) -> None:
+def set_address(page, part: str) -> None:
     """Change the address of the open page."""
     page.evaluate("(part) => { location.hash = part; }", part)
 
@@ -39,12 +39,12 @@ def banner(page) -> str:
 
 
 @pytest.fixture(scope="module")
-def pictures(tmp_path_factory):
+def images(tmp_path_factory):
     """Two different images of the same size."""
     folder = tmp_path_factory.mktemp("pictures")
-    for name, turned in (("one.png", False), ("two.png", True)):
-        picture = pattern((300, 300))
-        write_image(folder / name, picture[::-1].copy() if turned else picture)
+    for name, is_rotated in (("one.png", False), ("two.png", True)):
+        image = pattern((300, 300))
+        write_image(folder / name, image[::-1].copy() if is_rotated else image)
     return folder
 
 
@@ -57,18 +57,18 @@ def page(browser, server):
 
 
 @pytest.fixture
-def no_rooms(monkeypatch) -> None:
+def placeholder_rooms(monkeypatch) -> None:
     """Replace room rendering by an immediate placeholder; tests check the selection, not the
     content."""
     monkeypatch.setattr(
         _look_routes,
         "render_room",
-        lambda known: encoded(pattern(known.camera.image_size), ".png"),
+        lambda sensor: encoded(pattern(sensor.camera.image_size), ".png"),
     )
 
 
 @pytest.fixture
-def rooms(no_rooms):
+def placeholder_server(placeholder_rooms):
     """A server with such rooms only."""
     with serving(Studio()) as address:
         yield address
@@ -79,23 +79,23 @@ def bench_at(browser, address: str, context=None):
     context = context or browser.new_context(
         viewport={"width": 1000, "height": 700}, bypass_csp=True
     )
-    context.add_init_script(WITHOUT_PICTURES)
+    context.add_init_script(WITHOUT_IMAGES)
     page = context.new_page()
     page.problems = []
     page.on("pageerror", lambda e: page.problems.append(str(e)))
     page.goto(address)
-    plots_drawn(page)
+    wait_for_plots(page)
     return page
 
 
 # -- bench
 # -------------------------------------------------------------------------------------------
 
-GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
+SPHERE_TABLE = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
 
 
 @pytest.mark.parametrize(
-    ("design", "lacks"),
+    ("design", "message"),
     [
         pytest.param('{"tables":{}}', "[mirror]", marks=pytest.mark.full),
         pytest.param(
@@ -105,7 +105,7 @@ GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
         ),
         pytest.param(
             json.dumps(
-                {"tables": {"mirror": {**GOOD, "radius_mm": "w"}, "lens": {}, "imager": {}}}
+                {"tables": {"mirror": {**SPHERE_TABLE, "radius_mm": "w"}, "lens": {}, "imager": {}}}
             ),
             "mirror.radius_mm",
             marks=pytest.mark.full,
@@ -113,17 +113,17 @@ GOOD = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
         ('{"tables":{"mirror":', "the link is incomplete"),
     ],
 )
-def test_invalid_design_in_address_is_reported_and_bench_works(design, lacks, browser, server):
+def test_invalid_design_in_address_is_reported_and_bench_works(design, message, browser, server):
     page = bench_at(browser, f"{server}#tab=design&design={quote(design)}")
-    said = banner(page)
-    assert lacks in said
-    assert "server" not in said
+    text = banner(page)
+    assert message in text
+    assert "server" not in text
     for _ in range(2):
         page.get_by_role("button", name="Look", exact=True).click()
         page.get_by_role("button", name="Design", exact=True).click()
     assert page.get_by_role("button", name="Undo", exact=True).count() == 1
     assert page.locator("#design > aside").count() == 1
-    assert page.evaluate(f"{NOW}.tables.name") == "paper-spherical"
+    assert page.evaluate(f"{CURRENT_DESIGN}.tables.name") == "paper-spherical"
     page.wait_for_function(
         "location.hash.includes('radius_mm')"
     )  # the address corresponds to the displayed design
@@ -133,15 +133,15 @@ def test_invalid_design_in_address_is_reported_and_bench_works(design, lacks, br
 
 def test_links_replace_design_unless_invalid(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
-    design = page.evaluate(f"JSON.parse(JSON.stringify({NOW}))")
+    design = page.evaluate(f"JSON.parse(JSON.stringify({CURRENT_DESIGN}))")
     design["tables"]["mirror"]["radius_mm"] = 55.0
-    go(page, f"tab=design&design={quote(json.dumps(design))}")
-    page.wait_for_function(f"{NOW}.tables.mirror.radius_mm === 55")
-    go(page, "tab=design&design=%7B%7D")
+    set_address(page, f"tab=design&design={quote(json.dumps(design))}")
+    page.wait_for_function(f"{CURRENT_DESIGN}.tables.mirror.radius_mm === 55")
+    set_address(page, "tab=design&design=%7B%7D")
     assert "must contain the tables of a sensor" in banner(page)
-    assert page.evaluate(f"{NOW}.tables.mirror.radius_mm") == 55
+    assert page.evaluate(f"{CURRENT_DESIGN}.tables.mirror.radius_mm") == 55
     page.get_by_role("button", name="Undo", exact=True).click()
-    assert page.evaluate(f"{NOW}.tables.mirror.radius_mm") == SPHERE.mirror.radius_mm
+    assert page.evaluate(f"{CURRENT_DESIGN}.tables.mirror.radius_mm") == SPHERE.mirror.radius_mm
     assert page.problems == []
     page.context.close()
 
@@ -152,36 +152,39 @@ def test_immediate_reload_keeps_change_and_undo_history(browser, server):
     page.get_by_label("Focal length", exact=True).fill("12.5")
     page.evaluate("document.activeElement.blur(); location.reload()")
     page.wait_for_function("() => window.omnimirror?.tabs.design?.evaluations?.[0]")
-    assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.5
+    assert page.evaluate(f"{CURRENT_DESIGN}.tables.lens.focal_length_mm") == 12.5
     page.get_by_role("button", name="Undo", exact=True).click()
-    assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == SPHERE.lens.focal_length_mm
+    assert (
+        page.evaluate(f"{CURRENT_DESIGN}.tables.lens.focal_length_mm")
+        == SPHERE.lens.focal_length_mm
+    )
     page.get_by_label("Focal length", exact=True).fill("12.75")  # without pressing a key
     page.reload()
     page.wait_for_function("() => window.omnimirror?.tabs.design?.evaluations?.[0]")
-    assert page.evaluate(f"{NOW}.tables.lens.focal_length_mm") == 12.75
+    assert page.evaluate(f"{CURRENT_DESIGN}.tables.lens.focal_length_mm") == 12.75
     page.context.close()
 
 
 @pytest.mark.full
 def test_two_tabs_have_independent_designs_and_undo_histories(browser, server):
     first = bench_at(browser, f"{server}#tab=design")
-    enter(first, "F-number", "5.6")
+    enter_value(first, "F-number", "5.6")
     second = bench_at(browser, f"{server}#tab=design", first.context)
-    settled(second)
-    enter(second, "F-number", "8")
+    wait_for_response(second)
+    enter_value(second, "F-number", "8")
     first.reload()
-    plots_drawn(first)
-    assert first.evaluate(f"{NOW}.tables.lens.f_number") == 5.6
+    wait_for_plots(first)
+    assert first.evaluate(f"{CURRENT_DESIGN}.tables.lens.f_number") == 5.6
     first.get_by_role("button", name="Undo", exact=True).click()
-    assert first.evaluate(f"{NOW}.tables.lens.f_number") == 4
-    assert second.evaluate(f"{NOW}.tables.lens.f_number") == 8
+    assert first.evaluate(f"{CURRENT_DESIGN}.tables.lens.f_number") == 4
+    assert second.evaluate(f"{CURRENT_DESIGN}.tables.lens.f_number") == 8
     first.context.close()
 
 
 @pytest.mark.full
 def test_request_that_closes_connection_is_repeated_a_limited_number_of_times(browser, server):
     page = bench_at(browser, f"{server}#tab=design")
-    sent = page.evaluate("""() => new Promise((resolve) => {
+    count = page.evaluate("""() => new Promise((resolve) => {
       const { design } = window.omnimirror.tabs;
       let count = 0;
       const own = WebSocket.prototype.send;
@@ -190,9 +193,9 @@ def test_request_that_closes_connection_is_repeated_a_limited_number_of_times(br
       design.evaluator.onEvaluation = (found) => { answered(found); if (found.error) resolve(count); };
       design.evaluator.ask(0, { tables: "no tables" });
     })""")
-    assert sent == 1  # rejected by the server
+    assert count == 1  # rejected by the server
     assert "cannot evaluate this design" in page.locator(".trouble").inner_text()
-    enter(page, "F-number", "5.6")
+    enter_value(page, "F-number", "5.6")
     page.wait_for_function("document.querySelector('.trouble').hidden")
     assert page.locator("#banner").is_hidden()
     page.context.close()
@@ -202,10 +205,10 @@ def test_request_that_closes_connection_is_repeated_a_limited_number_of_times(br
 # --------------------------------------------------------------------------------------------
 
 
-def test_back_and_forward_restore_tabs_views_and_images(page, pictures):
-    drop(page, pictures / "one.png")
-    look(page, pan=30)
-    look(page, mode="dome")
+def test_back_and_forward_restore_tabs_views_and_images(page, images):
+    drop(page, images / "one.png")
+    set_state(page, pan=30)
+    set_state(page, mode="dome")
     page.get_by_role("button", name="Design", exact=True).click()
     assert page.locator("#design").is_visible()
     page.go_back()
@@ -224,37 +227,37 @@ def test_back_and_forward_restore_tabs_views_and_images(page, pictures):
 
 
 @pytest.mark.full
-def test_link_displays_its_own_image_only(page, browser, server, pictures):
-    drop(page, pictures / "one.png")
-    look(page, mode="perspective", rim=[150.0, 140.0, 120.0])
+def test_link_displays_its_own_image_only(page, browser, server, images):
+    drop(page, images / "one.png")
+    set_state(page, mode="perspective", rim=[150.0, 140.0, 120.0])
     page.wait_for_function("location.hash.includes('rim')")
     link = page.evaluate("location.href")
-    drop(page, pictures / "two.png")
-    again = page.context.new_page()
-    again.goto(link)
-    again.wait_for_function("window.omnimirror?.look.feed?.name === 'one.png'")
-    again.close()
+    drop(page, images / "two.png")
+    new_page = page.context.new_page()
+    new_page.goto(link)
+    new_page.wait_for_function("window.omnimirror?.look.feed?.name === 'one.png'")
+    new_page.close()
 
-    elsewhere = open_page(browser, link)
-    assert elsewhere.get_by_text("Drop one.png here").is_visible()
-    assert elsewhere.get_by_text("links contain the view, not the image").is_visible()
-    assert elsewhere.evaluate("window.omnimirror.look.feed") is None
-    drop(elsewhere, pictures / "one.png")
-    assert state(elsewhere)["rim"] == [150, 140, 120]  # the same image, with the view of the link
-    elsewhere.context.close()
+    linked_page = open_page(browser, link)
+    assert linked_page.get_by_text("Drop one.png here").is_visible()
+    assert linked_page.get_by_text("links contain the view, not the image").is_visible()
+    assert linked_page.evaluate("window.omnimirror.look.feed") is None
+    drop(linked_page, images / "one.png")
+    assert state(linked_page)["rim"] == [150, 140, 120]  # the same image, with the view of the link
+    linked_page.context.close()
 
-    another = open_page(browser, link)
-    drop(another, pictures / "two.png")
-    assert state(another)["rim"] is None
-    another.context.close()
+    other_page = open_page(browser, link)
+    drop(other_page, images / "two.png")
+    assert state(other_page)["rim"] is None
+    other_page.context.close()
 
 
 @pytest.mark.long
-def test_second_link_in_same_page_is_opened(browser, rooms, pictures):
-    page = open_page(browser, rooms)
-    drop(page, pictures / "one.png")
+def test_second_link_in_same_page_is_opened(browser, placeholder_server, images):
+    page = open_page(browser, placeholder_server)
+    drop(page, images / "one.png")
     page.wait_for_function("location.hash.includes('kept')")
-    go(page, "source=room&sensor=folded-spherical&mode=planet")
+    set_address(page, "source=room&sensor=folded-spherical&mode=planet")
     page.wait_for_function("window.omnimirror.look.feed?.name === 'circle.png'")
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'folded-spherical'")
     assert state(page)["mode"] == "planet"
@@ -264,27 +267,27 @@ def test_second_link_in_same_page_is_opened(browser, rooms, pictures):
 
 def test_invalid_parts_of_address_are_reported_and_rest_is_displayed(browser, server):
     page = open_page(browser, f"{server}#mode=cube&forward=1e9&tilt=high&pan=20&rim=1,2")
-    said = banner(page)
+    text = banner(page)
     for entry in (
         "mode must be one of panorama, perspective, dome, planet, ground, mosaic; got cube",
         "forward must be between -360 and 360; got 1e9",
         "tilt must be between -90 and 90; got high",
         "rim must be u,v,radius in px; got 1,2",
     ):
-        assert entry in said
-    assert "422" not in said
+        assert entry in text
+    assert "422" not in text
     assert (state(page)["pan"], state(page)["mode"]) == (20, "panorama")
     page.get_by_role("button", name="Close").click()
     assert page.locator("#banner").is_hidden()
-    go(page, "sensor=nope")
+    set_address(page, "sensor=nope")
     assert "unknown camera 'nope'" in banner(page)
     page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-spherical'")
-    go(page, "source=server:nope")
+    set_address(page, "source=server:nope")
     page.wait_for_function(
         "document.querySelector('#banner').textContent.includes('not available on this server')"
     )
     assert "does not respond" not in page.locator("#banner").inner_text()
-    go(page, "source=kept")
+    set_address(page, "source=kept")
     assert page.get_by_text("an unnamed image").is_visible()
     assert page.problems == []
     page.context.close()
@@ -299,14 +302,14 @@ def test_page_with_unknown_sensor_works(browser, server):
 
 
 @pytest.mark.full
-def test_link_to_sensor_and_view_works_without_server(browser, pictures):
+def test_link_to_sensor_and_view_works_without_server(browser, images):
     with serving(Studio()) as address:
         page = open_page(browser, address)
-        drop(page, pictures / "one.png")
-        held = []
-        page.route("**/api/camera?*", lambda route: held.append(route))
+        drop(page, images / "one.png")
+        view_names = []
+        page.route("**/api/camera?*", lambda route: view_names.append(route))
         page.locator("#sensor").select_option("paper-hyperboloidal")
-        while not held:
+        while not view_names:
             page.wait_for_timeout(20)
         names = "[document.querySelector('#sensor').value, window.omnimirror.look.sensor.camera.model.id]"
         assert page.evaluate(names) == ["paper-spherical"] * 2  # its tables have not arrived
@@ -314,7 +317,7 @@ def test_link_to_sensor_and_view_works_without_server(browser, pictures):
             "paper-spherical" in page.locator("#sensor-words").inner_text()
             or "sphere" in page.content()
         )
-        held[0].continue_()
+        view_names[0].continue_()
         page.unroute("**/api/camera?*")
         page.wait_for_function("window.omnimirror.store.state.sensor === 'paper-hyperboloidal'")
         assert page.evaluate(names) == ["paper-hyperboloidal"] * 2
@@ -330,8 +333,8 @@ def test_link_to_sensor_and_view_works_without_server(browser, pictures):
 
 
 @pytest.mark.full
-def test_link_restores_demo_room_of_sensor(browser, rooms):
-    page = open_page(browser, f"{rooms}#source=room")
+def test_link_restores_demo_room_of_sensor(browser, placeholder_server):
+    page = open_page(browser, f"{placeholder_server}#source=room")
     page.wait_for_function("window.omnimirror.look.feed")
     same = """() => {
       const { feed, sensor } = window.omnimirror.look;
@@ -367,14 +370,14 @@ def test_first_page_on_phone_shows_buttons(browser, server):
 
 @pytest.mark.full
 def test_images_differing_in_one_pixel_have_different_identifiers(page, tmp_path):
-    picture = np.full((64, 64, 3), 90, np.uint8)
-    found = set()
+    image = np.full((64, 64, 3), 90, np.uint8)
+    identifiers = set()
     for i in range(3):
-        picture[i, 5] = 91
-        cv2.imwrite(str(tmp_path / "p.bmp"), picture)
+        image[i, 5] = 91
+        cv2.imwrite(str(tmp_path / "p.bmp"), image)
         drop(page, tmp_path / "p.bmp")
         page.wait_for_function(
-            "(old) => !old.includes(window.omnimirror.store.state.source)", arg=[*found, ""]
+            "(old) => !old.includes(window.omnimirror.store.state.source)", arg=[*identifiers, ""]
         )
-        found.add(state(page)["source"])
-    assert len(found) == 3
+        identifiers.add(state(page)["source"])
+    assert len(identifiers) == 3

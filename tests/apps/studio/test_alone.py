@@ -14,8 +14,8 @@ from omnimirror.cameras.frames import Mount
 from omnimirror.io import read_image, write_image
 from tests.commands import fails
 
-from .browser import command, drawn, drop, open_page
-from .pictures import psnr, python_view
+from .browser import command, drop, open_page, view_pixels
+from .images import psnr, python_view
 
 SENSORS = ("paper-spherical", "folded-spherical", "ball:260")
 
@@ -37,23 +37,23 @@ def test_demo_room_without_server_matches_command_line(browser, address, tmp_pat
     )
     page.get_by_role("button", name="Try the demo room").click()
     page.wait_for_function("window.omnimirror.look.feed")
-    held = page.evaluate("JSON.parse(document.getElementById('alone').textContent).cameras[0].room")
-    (tmp_path / "circle.jpg").write_bytes(base64.b64decode(held.partition(",")[2]))
+    room = page.evaluate("JSON.parse(document.getElementById('alone').textContent).cameras[0].room")
+    (tmp_path / "circle.jpg").write_bytes(base64.b64decode(room.partition(",")[2]))
     line = command(page, 200, 150)
     assert all(
-        word in line
-        for word in (
+        phrase in line
+        for phrase in (
             "circle.jpg",
             "--camera-looks down",
             "--set camera.forward_azimuth_deg=30",
             "--set camera.level=8,-4",
         )
     )
-    wanted = python_view(line, tmp_path)(read_image(tmp_path / "circle.jpg"))
-    seen = drawn(page, 200, 150)
-    both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
+    expected = python_view(line, tmp_path)(read_image(tmp_path / "circle.jpg"))
+    result = view_pixels(page, 200, 150)
+    both = (result[..., 3] > 0) & (expected.max(axis=-1) > 0)
     assert both.mean() > 0.9
-    assert psnr(seen[..., :3], wanted, both) > 40
+    assert psnr(result[..., :3], expected, both) > 40
     assert page.problems == []
     page.context.close()
 
@@ -91,9 +91,9 @@ def test_page_without_server_requests_camera_type_and_hides_server_functions(
     ids=str,
 )
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_page_without_server_applies_requested_mount(opened, sensor, mount):
+def test_page_without_server_applies_requested_mount(viewer, sensor, mount):
     """The page rotates the camera itself; the view is compared with the Python camera."""
-    wanted = Cameras().find(sensor).model(mount)
+    expected = Cameras().find(sensor).model(mount)
     state = {
         "sensor": sensor,
         "looks": mount.camera_looks,
@@ -102,20 +102,20 @@ def test_page_without_server_applies_requested_mount(opened, sensor, mount):
         "pitch": mount.pitch_deg,
         "roll": mount.roll_deg,
     }
-    found = opened.evaluate(
+    values = viewer.evaluate(
         "async (s) => (await window.omnimirror.look.sensor.want(s), window.omnimirror.look.sensor.camera.model)",
         state,
     )
     for name in ("axis", "right", "down"):
-        np.testing.assert_allclose(found[name], getattr(wanted, name), atol=1e-12)
-    assert found["pole"] == wanted.pole
-    seen = [found["tilt_min_deg"], found["tilt_max_deg"]]
-    np.testing.assert_allclose(seen, [wanted.tilt_min_deg, wanted.tilt_max_deg], atol=0.05)
-    assert found["mount"] == wanted.mount.model_dump()
+        np.testing.assert_allclose(values[name], getattr(expected, name), atol=1e-12)
+    assert values["pole"] == expected.pole
+    result = [values["tilt_min_deg"], values["tilt_max_deg"]]
+    np.testing.assert_allclose(result, [expected.tilt_min_deg, expected.tilt_max_deg], atol=0.05)
+    assert values["mount"] == expected.mount.model_dump()
 
 
 @pytest.fixture(scope="module")
-def opened(browser, address):
+def viewer(browser, address):
     page = open_page(browser, address)
     yield page
     assert page.problems == []

@@ -15,10 +15,10 @@ from omnimirror.apps.studio.bench_messages import DesignRequest
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 
 from .browser import open_page
-from .test_axe import ASK, AXE
+from .test_axe import AXE, AXE_VIOLATIONS
 
 BENCH = "window.omnimirror.tabs.design"
-ASKED = """(ask) => {
+EVALUATE_DESIGN = """(ask) => {
   const found = window.omnimirror.tabs.design.evaluator.evaluator.answer(ask, 0);
   const blocks = found.blocks.map(({ name, columns }) =>
     [name, Object.fromEntries(columns.map((c) => [c, [...found.block(name).column(c)]]))]);
@@ -82,8 +82,8 @@ def sensor_of(design: str) -> om.Sensor:
     return parse_sensor(design) if "\n" in design else om.load_sensor(design)
 
 
-def question(sensor: om.Sensor, **changes) -> DesignRequest:
-    plain = {
+def design_request(sensor: om.Sensor, **changes) -> DesignRequest:
+    defaults = {
         "slot": 0,
         "number": 1,
         "tables": tables_of(sensor),
@@ -91,24 +91,30 @@ def question(sensor: om.Sensor, **changes) -> DesignRequest:
         "object_distance_mm": None,
     }
     return DesignRequest.model_validate(
-        {**plain, "include_section": True, "include_squares": True, "requirements": None, **changes}
+        {
+            **defaults,
+            "include_section": True,
+            "include_squares": True,
+            "requirements": None,
+            **changes,
+        }
     )
 
 
-def answered(bench, asked: DesignRequest) -> dict:
-    return json.loads(bench.evaluate(ASKED, asked.model_dump()))
+def page_response(bench, request: DesignRequest) -> dict:
+    return json.loads(bench.evaluate(EVALUATE_DESIGN, request.model_dump()))
 
 
-def served(asked: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
+def server_response(request: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
     """Return the response of the server, computed by the Python evaluation."""
-    data = answer(asked)
+    data = answer(request)
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
-    values, blocks, at = np.frombuffer(data, "<f4", -1, 4 + length), {}, 0
+    values, blocks, offset = np.frombuffer(data, "<f4", -1, 4 + length), {}, 0
     for block in header["blocks"]:
         shape = len(block["columns"]), block["rows"]
-        rows = values[at : at + shape[0] * shape[1]].reshape(shape)
-        at += rows.size
+        rows = values[offset : offset + shape[0] * shape[1]].reshape(shape)
+        offset += rows.size
         blocks[block["name"]] = dict(zip(block["columns"], rows, strict=True))
     return header["summary"], blocks
 
@@ -116,26 +122,28 @@ def served(asked: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]
 @pytest.mark.parametrize("distance", [None, 700.0])
 @pytest.mark.parametrize("design", DESIGNS)
 def test_values_match_evaluation(bench, design, distance):
-    asked = question(sensor_of(design), object_distance_mm=distance)
-    found, (facts, blocks) = answered(bench, asked), served(asked)
-    assert found["error"] is None
-    for name, value in facts.items():
+    request = design_request(sensor_of(design), object_distance_mm=distance)
+    response, (summary, blocks) = page_response(bench, request), server_response(request)
+    assert response["error"] is None
+    for name, value in summary.items():
         if name not in ("name", "not_optimised"):
-            wanted = [np.nan if v is None else v for v in np.atleast_1d(np.array(value, object))]
-            seen = [
+            expected = [np.nan if v is None else v for v in np.atleast_1d(np.array(value, object))]
+            result = [
                 np.nan if v is None else v
-                for v in np.atleast_1d(np.array(found["summary"][name], object))
+                for v in np.atleast_1d(np.array(response["summary"][name], object))
             ]
-            np.testing.assert_allclose(seen, wanted, rtol=1e-6, atol=1e-9, err_msg=name)
-    assert set(found["blocks"]) == set(blocks)
+            np.testing.assert_allclose(result, expected, rtol=1e-6, atol=1e-9, err_msg=name)
+    assert set(response["blocks"]) == set(blocks)
     for name, columns in blocks.items():
-        for column, wanted in columns.items():
-            seen = np.array(found["blocks"][name][column], float)
-            known = np.isfinite(wanted)
-            np.testing.assert_array_equal(np.isfinite(seen), known, err_msg=f"{name} {column}")
-            scale = np.abs(wanted[known]).max(initial=0.0)
+        for column, expected in columns.items():
+            result = np.array(response["blocks"][name][column], float)
+            is_finite = np.isfinite(expected)
+            np.testing.assert_array_equal(
+                np.isfinite(result), is_finite, err_msg=f"{name} {column}"
+            )
+            scale = np.abs(expected[is_finite]).max(initial=0.0)
             np.testing.assert_allclose(
-                seen[known], wanted[known], rtol=1e-6, atol=1e-6 * scale, err_msg=name
+                result[is_finite], expected[is_finite], rtol=1e-6, atol=1e-6 * scale, err_msg=name
             )
 
 
@@ -143,16 +151,19 @@ def test_values_match_evaluation(bench, design, distance):
 def test_best_focus_matches_evaluation(bench, design):
     sensor = sensor_of(design)
     find = "([tables, object]) => window.omnimirror.tabs.design.evaluator.evaluator.bestFocus(tables, object)"
-    found = bench.evaluate(find, [tables_of(sensor), 900.0])
-    wanted = om.best_focus(sensor, object_distance_mm=900.0)
+    focus_mm = bench.evaluate(find, [tables_of(sensor), 900.0])
+    expected = om.best_focus(sensor, object_distance_mm=900.0)
     area = om.evaluate(
-        sensor, np.linspace(0, sensor.field_deg[1], 2001), focus_mm=found, object_distance_mm=900.0
+        sensor,
+        np.linspace(0, sensor.field_deg[1], 2001),
+        focus_mm=focus_mm,
+        object_distance_mm=900.0,
     )
-    assert area.floored_area_deg2.max() == pytest.approx(wanted.value, rel=1e-4)
+    assert area.floored_area_deg2.max() == pytest.approx(expected.value, rel=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("section", "entry", "value", "words"),
+    ("section", "entry", "value", "message"),
     [
         (
             "mirror",
@@ -181,12 +192,12 @@ def test_best_focus_matches_evaluation(bench, design):
         ("mirror", "kind", "cone", "mirror cone requires a server; this page supports sphere"),
     ],
 )
-def test_error_is_displayed_next_to_its_field(bench, section, entry, value, words):
-    asked = question(om.load_sensor("paper-spherical"))
-    asked.tables[section][entry] = value
-    found = answered(bench, asked)
-    assert words in found["error"]["message"]
-    assert found["error"]["path"][0] == section
+def test_error_is_displayed_next_to_its_field(bench, section, entry, value, message):
+    request = design_request(om.load_sensor("paper-spherical"))
+    request.tables[section][entry] = value
+    response = page_response(bench, request)
+    assert message in response["error"]["message"]
+    assert response["error"]["path"][0] == section
 
 
 def test_slider_pin_and_best_focus_without_server(browser, address):
@@ -230,7 +241,7 @@ def test_accessibility_without_server(browser, address, width):
     page.add_script_tag(path=AXE)
     serious = {
         v["id"]: v["nodes"][0]["html"]
-        for v in page.evaluate(ASK)
+        for v in page.evaluate(AXE_VIOLATIONS)
         if v["impact"] in ("serious", "critical")
     }
     assert serious == {}

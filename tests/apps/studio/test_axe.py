@@ -6,53 +6,55 @@ import pytest
 
 from omnimirror.io import write_image
 
-from .browser import drop, look, open_page
-from .pictures import pattern
-from .test_bench_page import WITHOUT_PICTURES
+from .browser import drop, open_page, set_state
+from .images import pattern
+from .test_bench_page import WITHOUT_IMAGES
 from .test_page import AXE
 
 SIZES = [(360, 740), (768, 1024), (1280, 800), (2560, 1440), (844, 390)]
-ASK = "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
+AXE_VIOLATIONS = (
+    "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
+)
 
 
-def empty(page, folder) -> None:
+def show_start(page, folder) -> None:
     page.get_by_role("button", name="Try the demo room").wait_for()
 
 
-def asked(page, folder) -> None:
+def drop_image(page, folder) -> None:
     drop(page, folder / "waves.png")
     page.locator("#ask").wait_for(state="visible")
 
 
-def by_hand(page, folder) -> None:
+def fit_by_hand(page, folder) -> None:
     page.get_by_role("button", name="Fit it manually").click()
     page.wait_for_selector("#overlay .handle")
 
 
-def beside(page, folder) -> None:
+def show_side_by_side(page, folder) -> None:
     page.get_by_role("button", name="Fit circle").click()
-    look(page, beside=True, fit="whole")
+    set_state(page, beside=True, fit="whole")
 
 
-def together(page, folder) -> None:
-    look(page, beside=False, fit=None)
+def show_all_views(page, folder) -> None:
+    set_state(page, beside=False, fit=None)
     page.get_by_role("button", name="All views").click()
     page.wait_for_function("window.omnimirror.look.layout.places.length === 5")
 
 
-def explained(page, folder) -> None:
+def show_help(page, folder) -> None:
     page.locator("aside .glossary summary").click()
     page.get_by_role("button", name="Project").click()
     page.get_by_role("button", name="Save project").wait_for()
 
 
-def designed(page, folder) -> None:
+def open_design(page, folder) -> None:
     page.keyboard.press("Escape")
-    look(page, tab="design")
+    set_state(page, tab="design")
     page.wait_for_selector("#design .compare tbody td")
 
 
-def compared(page, folder) -> None:
+def compare_designs(page, folder) -> None:
     page.get_by_role("button", name="Pin", exact=True).click()
     page.locator("#design").get_by_label("F-number", exact=True).fill("5.6")
     page.keyboard.press("Enter")
@@ -60,12 +62,22 @@ def compared(page, folder) -> None:
     page.locator(".groups .difference").click()
 
 
-def calibrated(page, folder) -> None:
-    look(page, tab="calibrate")
+def open_calibration(page, folder) -> None:
+    set_state(page, tab="calibrate")
     page.wait_for_selector("#calibrate .desk")
 
 
-STATES = (empty, asked, by_hand, beside, together, explained, designed, compared, calibrated)
+STATES = (
+    show_start,
+    drop_image,
+    fit_by_hand,
+    show_side_by_side,
+    show_all_views,
+    show_help,
+    open_design,
+    compare_designs,
+    open_calibration,
+)
 
 
 @pytest.mark.full
@@ -78,12 +90,12 @@ def test_accessibility_of_all_states(scheme, size, browser, server, tmp_path):
     page = open_page(
         browser, server, *size, color_scheme=scheme, reduced_motion="reduce", device_scale_factor=1
     )
-    page.evaluate(WITHOUT_PICTURES)
+    page.evaluate(WITHOUT_IMAGES)
     page.add_script_tag(path=AXE)
     serious = {}
     for state in STATES:
         state(page, tmp_path)
-        for v in page.evaluate(ASK):
+        for v in page.evaluate(AXE_VIOLATIONS):
             if v["impact"] in ("serious", "critical"):
                 serious[state.__name__, v["id"]] = [node["html"][:160] for node in v["nodes"][:4]]
         wide = page.evaluate("document.scrollingElement.scrollWidth")

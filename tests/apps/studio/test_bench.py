@@ -27,7 +27,7 @@ from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, parse
 from tests.test_extensions import Quartic
 
 LOCAL = "http://127.0.0.1"
-WANTED = {
+REQUIREMENTS = {
     "field": {"omega_max_deg": 130.0, "object_distance_mm": [600.0, 1e12]},
     "limit": [
         {"quantity": "total_blur_px", "at_most": 9.0},
@@ -42,8 +42,8 @@ def client():
         yield client
 
 
-def question(sensor: om.Sensor, **changes) -> dict:
-    plain = {
+def design_request(sensor: om.Sensor, **changes) -> dict:
+    defaults = {
         "slot": 0,
         "number": 1,
         "tables": tables_of(sensor),
@@ -51,7 +51,7 @@ def question(sensor: om.Sensor, **changes) -> dict:
         "object_distance_mm": None,
     }
     return {
-        **plain,
+        **defaults,
         "include_section": False,
         "include_squares": False,
         "requirements": None,
@@ -59,32 +59,34 @@ def question(sensor: om.Sensor, **changes) -> dict:
     }
 
 
-def unpacked(data: bytes) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
+def unpack_message(data: bytes) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
     """Return the header of a binary message, and its blocks by name and column."""
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
-    at, blocks = 4 + length, {}
+    offset, blocks = 4 + length, {}
     for block in header["blocks"]:
         columns = {}
         for column in block["columns"]:
-            columns[column] = np.frombuffer(data, "<f4", block["rows"], at)
-            at += 4 * block["rows"]
+            columns[column] = np.frombuffer(data, "<f4", block["rows"], offset)
+            offset += 4 * block["rows"]
         blocks[block["name"]] = columns
-    assert at == len(data)
+    assert offset == len(data)
     return header, blocks
 
 
-def ask(client, *questions: dict) -> list[tuple[dict, dict[str, dict[str, np.ndarray]]]]:
+def evaluate_designs(
+    client, *requests: dict
+) -> list[tuple[dict, dict[str, dict[str, np.ndarray]]]]:
     answers = []
     with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
-        for each in questions:
-            socket.send_json(each)
-            answers.append(unpacked(socket.receive_bytes()))
+        for request in requests:
+            socket.send_json(request)
+            answers.append(unpack_message(socket.receive_bytes()))
     return answers
 
 
-def post(client, place: str, **body):
-    return client.post(f"/api/bench/{place}", json=body)
+def post(client, route: str, **body):
+    return client.post(f"/api/bench/{route}", json=body)
 
 
 # -- responses
@@ -94,8 +96,10 @@ def post(client, place: str, **body):
 @pytest.mark.parametrize("name", bundled_sensors())
 def test_curves_match_evaluation(name, client):
     sensor = om.load_sensor(name)
-    asked = question(sensor, object_distance_mm=900.0, include_section=True, include_squares=True)
-    (header, blocks), *_ = ask(client, asked)
+    request = design_request(
+        sensor, object_distance_mm=900.0, include_section=True, include_squares=True
+    )
+    (header, blocks), *_ = evaluate_designs(client, request)
     assert header["error"] is None
     curves = blocks["curves"]
     expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=900.0)
@@ -105,16 +109,16 @@ def test_curves_match_evaluation(name, client):
         )
     assert header["summary"]["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
     mirror = blocks["mirror"]
-    inside = np.isfinite(mirror["z_mm"])
-    x = np.minimum(np.abs(mirror["x_mm"][inside].astype(float)), sensor.mirror.rim_radius_mm)
-    np.testing.assert_allclose(mirror["z_mm"][inside], sensor.mirror.sag(x), atol=1e-4)
+    is_inside = np.isfinite(mirror["z_mm"])
+    x = np.minimum(np.abs(mirror["x_mm"][is_inside].astype(float)), sensor.mirror.rim_radius_mm)
+    np.testing.assert_allclose(mirror["z_mm"][is_inside], sensor.mirror.sag(x), atol=1e-4)
 
 
 def test_section_rays_satisfy_reflection_law(client):
     """Incident at Omega, reflected to the lens: both directions make the same angle with the mirror
     normal."""
     sensor = om.load_sensor("paper-spherical")
-    (_, blocks), *_ = ask(client, question(sensor, include_section=True))
+    (_, blocks), *_ = evaluate_designs(client, design_request(sensor, include_section=True))
     rays = {float(name[4:]): block for name, block in blocks.items() if name.startswith("ray ")}
     assert sorted(rays) == list(range(0, 136, 15))
     for omega, ray in rays.items():
@@ -131,15 +135,15 @@ def test_section_rays_satisfy_reflection_law(client):
 def test_error_contains_entry(client):
     sensor = om.load_sensor("paper-spherical")
     tables = tables_of(sensor)
-    wrong = [
+    entries = [
         ("lens", "f_number", 0.0),
         ("mirror", "rim_radius_mm", 51.0),  # outside the sphere
         ("lens", "focus_distance_mm", 5.0),  # shorter than the focal length
         ("mount", "mirror_distance_mm", -1.0),
     ]
-    for section, name, value in wrong:
-        changed = {**tables, section: {**tables[section], name: value}}
-        (header, blocks), *_ = ask(client, question(sensor, tables=changed))
+    for section, name, value in entries:
+        invalid = {**tables, section: {**tables[section], name: value}}
+        (header, blocks), *_ = evaluate_designs(client, design_request(sensor, tables=invalid))
         assert header["error"]["path"] == [section, name]
         assert name in header["error"]["message"]
         assert blocks == {}
@@ -149,10 +153,10 @@ def test_newest_waiting_request_is_answered(client):
     sensor = om.load_sensor("exact-equidistant")
     with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
         for number in range(1, 41):
-            socket.send_json(question(sensor, number=number, slot=0))
+            socket.send_json(design_request(sensor, number=number, slot=0))
         numbers = [0]
         while numbers[-1] < 40:
-            numbers.append(unpacked(socket.receive_bytes())[0]["number"])
+            numbers.append(unpack_message(socket.receive_bytes())[0]["number"])
     assert numbers == sorted(numbers)
     assert len(numbers) < 35
 
@@ -160,7 +164,7 @@ def test_newest_waiting_request_is_answered(client):
 def test_lens_position_follows_mapping(client):
     sensor = om.load_sensor("exact-equidistant")
     wider = replace(sensor, mirror=replace(sensor.mirror, omega_max_deg=120.0))
-    (header, blocks), *_ = ask(client, question(wider, follows_mapping=True))
+    (header, blocks), *_ = evaluate_designs(client, design_request(wider, follows_mapping=True))
     assert header["summary"]["mirror_distance_mm"] == pytest.approx(wider.mirror.design_distance)
     rate = blocks["curves"]["dh_domega_px_per_deg"]
     np.testing.assert_allclose(rate, rate[0], rtol=1e-6)
@@ -168,7 +172,7 @@ def test_lens_position_follows_mapping(client):
 
 def test_requirements_are_evaluated_at_worst_angle_and_distance(client):
     sensor = om.load_sensor("paper-spherical")
-    (header, _), *_ = ask(client, question(sensor, requirements=WANTED))
+    (header, _), *_ = evaluate_designs(client, design_request(sensor, requirements=REQUIREMENTS))
     rows = {row["name"]: row for row in header["rows"]}
     omega = np.linspace(0, 130, 4001)
     worst = max(
@@ -182,7 +186,9 @@ def test_requirements_are_evaluated_at_worst_angle_and_distance(client):
     assert not rows["resolution_px_per_deg"]["is_met"]
     assert rows["resolution_px_per_deg"]["omega_deg"] == pytest.approx(130.0)
     assert rows["omega_max_deg"]["is_met"]
-    (header, _), *_ = ask(client, question(sensor, requirements={"field": {"omega_max_deg": 500}}))
+    (header, _), *_ = evaluate_designs(
+        client, design_request(sensor, requirements={"field": {"omega_max_deg": 500}})
+    )
     assert header["rows"] == []
     assert "omega_max_deg" in header["requirements_error"]
 
@@ -201,7 +207,7 @@ def quartic():
 def changed_values(parameter: dict, value):
     """Return valid values next to a value of a parameter."""
     if parameter["choices"]:
-        return [word for word in parameter["choices"] if word != value]
+        return [choice for choice in parameter["choices"] if choice != value]
     if parameter["is_list"]:
         return [
             [*value[:-2], number, value[-1]]
@@ -215,7 +221,7 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
     """The requested type has the rim of the previous mirror and persists when a parameter is
     changed and the design is evaluated."""
     sensor = om.load_sensor("paper-spherical")
-    made = post(
+    response = post(
         client,
         "change",
         tables=tables_of(sensor),
@@ -223,11 +229,11 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
         to=kind,
         object_distance_mm=None,
     ).json()
-    new = parse_sensor(format_sensor(parse_sensor(toml(made["tables"]))))
-    assert made["tables"]["mirror"]["kind"] == kind
+    new = parse_sensor(format_sensor(parse_sensor(toml(response["tables"]))))
+    assert response["tables"]["mirror"]["kind"] == kind
     assert new.mirror.rim_radius_mm == pytest.approx(sensor.mirror.rim_radius_mm)
-    reaches = {"rectifying": 75.0, "ground-plane": 75.0}.get(kind, sensor.field_deg[1])
-    assert new.field_deg[1] == pytest.approx(reaches, abs=0.06)
+    field_deg = {"rectifying": 75.0, "ground-plane": 75.0}.get(kind, sensor.field_deg[1])
+    assert new.field_deg[1] == pytest.approx(field_deg, abs=0.06)
     assert np.degrees(new.meridian.theta_max) == pytest.approx(
         np.degrees(sensor.meridian.theta_max), abs=0.02
     )
@@ -235,12 +241,16 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
     valid = set()
     for parameter in parts[kind]["parameters"]:
         name = parameter["name"]
-        if (value := made["tables"]["mirror"].get(name)) is None:
+        if (value := response["tables"]["mirror"].get(name)) is None:
             continue
-        for other in changed_values(parameter, value):
-            tables = {**made["tables"], "mirror": {**made["tables"]["mirror"], name: other}}
-            (header, blocks), *_ = ask(
-                client, question(sensor, tables=tables, follows_mapping=made["follows_mapping"])
+        for new_value in changed_values(parameter, value):
+            tables = {
+                **response["tables"],
+                "mirror": {**response["tables"]["mirror"], name: new_value},
+            }
+            (header, blocks), *_ = evaluate_designs(
+                client,
+                design_request(sensor, tables=tables, follows_mapping=response["follows_mapping"]),
             )
             if header["error"] is not None:  # a range that depends on other parameters
                 assert header["error"]["path"][:1] == ["mirror"], (name, header["error"])
@@ -249,25 +259,27 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
             text = post(client, "file", tables=tables, kind="sensor", object_distance_mm=None).text
             mirror = tomllib.loads(text)["mirror"]
             assert mirror["kind"] == kind
-            assert mirror[name] == pytest.approx(other) if name in mirror else other == value
+            assert (
+                mirror[name] == pytest.approx(new_value) if name in mirror else new_value == value
+            )
             valid.add(name)
     assert valid, "no parameter can be changed"
 
 
-def offered(client) -> list[str]:
+def mirror_kinds(client) -> list[str]:
     return [part["kind"] for part in client.get("/api/bench").json()["mirrors"]]
 
 
 def test_mirror_registered_later_is_offered(client, request):
-    assert Quartic.KIND not in offered(client)
+    assert Quartic.KIND not in mirror_kinds(client)
     request.getfixturevalue("quartic")
-    assert Quartic.KIND in offered(client)
+    assert Quartic.KIND in mirror_kinds(client)
 
 
 def test_design_and_requirement_file_do_not_choose_a_mirror_type(client):
     """Without a mirror in the requirements, the file contains that of the bench, and a search
     is rejected."""
-    wanted = {"field": WANTED["field"]}
+    requirements = {"field": REQUIREMENTS["field"]}
     for name, mirror in {
         "paper-spherical": {"family": "sphere"},
         "paper-hyperboloidal": {"family": "hyperboloid"},
@@ -275,14 +287,16 @@ def test_design_and_requirement_file_do_not_choose_a_mirror_type(client):
         "paper-equidistant": {"family": "polynomial:3"},
     }.items():
         sensor = om.load_sensor(name)
-        text = post(client, "requirements", requirements=wanted, tables=tables_of(sensor)).text
+        text = post(
+            client, "requirements", requirements=requirements, tables=tables_of(sensor)
+        ).text
         radius = {"rim_radius_mm": sensor.mirror.rim_radius_mm}
         assert tomllib.loads(text)["mirror"] == mirror | radius
     spline = replace(sensor, mirror=spline_like(sensor))
-    refused = post(client, "requirements", requirements=wanted, tables=tables_of(spline))
-    assert "got a slope-spline mirror" in refused.json()["detail"]
+    response = post(client, "requirements", requirements=requirements, tables=tables_of(spline))
+    assert "got a slope-spline mirror" in response.json()["detail"]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
-        socket.send_json(task(kind="design", requirements=wanted))
+        socket.send_json(task(kind="design", requirements=requirements))
         last = socket.receive_json()
     assert (last["state"], last["sensor"]) == ("failed", None)
     assert "must specify a mapping or a family" in last["message"]
@@ -292,34 +306,34 @@ def test_design_and_requirement_file_do_not_choose_a_mirror_type(client):
 def test_changing_lens_keeps_image_size(name, client):
     sensor = om.load_sensor(name)
     to = "perspective" if sensor.lens.TELECENTRIC else "orthographic"
-    made = post(
+    response = post(
         client, "change", tables=tables_of(sensor), target="lens", to=to, object_distance_mm=None
     ).json()
-    new = parse_sensor(toml(made["tables"]))
-    assert made["tables"]["lens"]["kind"] == to
+    new = parse_sensor(toml(response["tables"]))
+    assert response["tables"]["lens"]["kind"] == to
     assert new.rim_radius_px == pytest.approx(sensor.rim_radius_px, rel=0.05)
 
 
 def test_lens_is_tabulated_and_surface_lens_requires_file(client):
     sensor, omega = om.load_sensor("paper-spherical"), [30.0, 90.0, 130.0]
-    asked = {"tables": tables_of(sensor), "target": "lens", "object_distance_mm": None}
-    made = parse_sensor(toml(post(client, "change", to="table", **asked).json()["tables"]))
-    assert made.lens.KIND == "table"
-    focus = made.lens.focus_distance_mm
-    assert om.evaluate(made, omega).h_px == pytest.approx(
+    body = {"tables": tables_of(sensor), "target": "lens", "object_distance_mm": None}
+    tabulated = parse_sensor(toml(post(client, "change", to="table", **body).json()["tables"]))
+    assert tabulated.lens.KIND == "table"
+    focus = tabulated.lens.focus_distance_mm
+    assert om.evaluate(tabulated, omega).h_px == pytest.approx(
         om.evaluate(sensor, omega, focus_mm=focus).h_px, abs=0.01
     )
-    refused = post(client, "change", to="surfaces", **asked)
-    assert "requires a .zmx file" in refused.json()["detail"]
+    response = post(client, "change", to="surfaces", **body)
+    assert "requires a .zmx file" in response.json()["detail"]
 
 
 def test_best_focus_matches_library(client):
     sensor = om.load_sensor("paper-spherical")
-    asked = {"target": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}
-    made = post(client, "change", tables=tables_of(sensor), **asked).json()
+    body = {"target": "focus", "to": "worst_blur_px", "object_distance_mm": 300.0}
+    result = post(client, "change", tables=tables_of(sensor), **body).json()
     best = om.best_focus(sensor, "worst_blur_px", object_distance_mm=300.0).focus_mm
-    assert made["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
-    refused = post(
+    assert result["tables"]["lens"]["focus_distance_mm"] == pytest.approx(best, abs=1e-3)
+    response = post(
         client,
         "change",
         tables=tables_of(sensor),
@@ -327,8 +341,8 @@ def test_best_focus_matches_library(client):
         to="spoon",
         object_distance_mm=None,
     )
-    assert refused.status_code == 400
-    assert "spoon" in refused.json()["detail"]
+    assert response.status_code == 400
+    assert "spoon" in response.json()["detail"]
 
 
 def toml(tables: dict) -> str:
@@ -347,29 +361,29 @@ def test_sensor_file_round_trip(client):
         client, "file", tables=tables_of(sensor), kind="sensor", object_distance_mm=None
     ).content
     assert parse_sensor(text.decode()) == sensor
-    opened = client.post("/api/bench/open", params={"name": "mine.toml"}, content=text).json()
-    assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
+    response = client.post("/api/bench/open", params={"name": "mine.toml"}, content=text).json()
+    assert parse_sensor(toml(response["sensor"]["tables"])) == sensor
 
 
 def test_requirement_file_round_trip(client):
-    own = {
+    sections = {
         "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0},
         "lens": {"theta_max_deg": [10, 14]},
     }
-    text = toml({**WANTED, **own})
+    text = toml({**REQUIREMENTS, **sections})
     text = text.replace("1000000000000.0", "inf")
-    opened = client.post("/api/bench/open", params={"name": "wanted.toml"}, content=text).json()
-    assert opened["sensor"] is None
+    response = client.post("/api/bench/open", params={"name": "wanted.toml"}, content=text).json()
+    assert response["sensor"] is None
     sensor = om.load_sensor("paper-spherical")
-    again = post(
-        client, "requirements", requirements=opened["requirements"], tables=tables_of(sensor)
+    copy = post(
+        client, "requirements", requirements=response["requirements"], tables=tables_of(sensor)
     ).text
-    asked, got = parse_requirements(text), parse_requirements(again)
-    assert (got.field, got.mirror, got.lens, got.limits) == (
-        asked.field,
-        asked.mirror,
-        asked.lens,
-        asked.limits,
+    expected, result = parse_requirements(text), parse_requirements(copy)
+    assert (result.field, result.mirror, result.lens, result.limits) == (
+        expected.field,
+        expected.mirror,
+        expected.lens,
+        expected.limits,
     )
 
 
@@ -386,13 +400,15 @@ def test_tables_and_drawings_match_command_line(client, tmp_path):
         assert drawing.content.startswith(b"%PDF-")
 
 
-SPIES = (
+FILE_REFERENCES = (
     b'[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n',
     b'[field]\nomega_max_deg = 90\n[mirror]\nmapping = "tabulated-mapping"\nmapping_csv = "/etc/passwd"\n',
 )
 
 
-@pytest.mark.parametrize("text", [b"\xff\xfe", b"[mirror", b"x = 1", b"[field]\nomega = 3", *SPIES])
+@pytest.mark.parametrize(
+    "text", [b"\xff\xfe", b"[mirror", b"x = 1", b"[field]\nomega = 3", *FILE_REFERENCES]
+)
 def test_invalid_files_are_rejected(text, client):
     answer = client.post("/api/bench/open", params={"name": "bad.toml"}, content=text)
     assert answer.status_code == 400
@@ -403,39 +419,46 @@ def test_invalid_files_are_rejected(text, client):
 def test_no_request_makes_server_read_a_file(client):
     sensor = om.load_sensor("paper-spherical")
     tables = {**tables_of(sensor), "mirror": {"kind": "sampled", "profile_csv": "/etc/passwd"}}
-    (header, _), *_ = ask(client, question(sensor, tables=tables))
+    (header, _), *_ = evaluate_designs(client, design_request(sensor, tables=tables))
     assert "must not name a file" in header["error"]["message"]
     mirror = {"mapping": "tabulated-mapping", "mapping_csv": "/etc/passwd", "rim_radius_mm": 40.0}
-    (header, _), *_ = ask(client, question(sensor, requirements={**WANTED, "mirror": mirror}))
+    (header, _), *_ = evaluate_designs(
+        client, design_request(sensor, requirements={**REQUIREMENTS, "mirror": mirror})
+    )
     assert "must not name a file" in header["requirements_error"]
 
 
 @pytest.mark.parametrize("entry", [None, [], {}, "x", -1, [[1]], 1e300])
 def test_invalid_tables_are_rejected(entry, client):
     sensor = om.load_sensor("folded-spherical")
-    wrong = [
+    invalid = [
         {**tables_of(sensor), section: entry}
         for section in ("name", "mirror", "lens", "mount", "secondary")
     ]
-    wrong += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "kind": entry}}]
-    wrong += [
+    invalid += [{**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "kind": entry}}]
+    invalid += [
         {**tables_of(sensor), "mirror": {**tables_of(sensor)["mirror"], "rim_radius_mm": entry}}
     ]
-    answers = ask(
-        client, *(question(sensor, tables=tables, follows_mapping=True) for tables in wrong)
+    answers = evaluate_designs(
+        client, *(design_request(sensor, tables=tables, follows_mapping=True) for tables in invalid)
     )
     assert all(header["error"] or header["summary"] for header, _ in answers)
     assert sum(header["error"] is not None for header, _ in answers) >= 5
-    wanted = [{**WANTED, "limit": [entry]}, {**WANTED, "field": entry}, {**WANTED, "mirror": entry}]
-    answers = ask(
-        client, *(question(om.load_sensor("paper-spherical"), requirements=w) for w in wanted)
+    requirements = [
+        {**REQUIREMENTS, "limit": [entry]},
+        {**REQUIREMENTS, "field": entry},
+        {**REQUIREMENTS, "mirror": entry},
+    ]
+    answers = evaluate_designs(
+        client,
+        *(design_request(om.load_sensor("paper-spherical"), requirements=w) for w in requirements),
     )
     assert all(header["requirements_error"] for header, _ in answers)
 
 
 def test_invalid_request_closes_connection(client):
-    for place in ("ask", "work"):
-        with client.websocket_connect(f"ws://127.0.0.1/api/bench/{place}") as socket:
+    for route in ("ask", "work"):
+        with client.websocket_connect(f"ws://127.0.0.1/api/bench/{route}") as socket:
             socket.send_text("{}")
             message = socket.receive()
             assert message["type"] == "websocket.close"
@@ -448,13 +471,13 @@ def test_preview_is_reduced_simulated_image(client):
     data = post(client, "image", tables=tables_of(sensor), width_px=128, samples=1).content
     length = int.from_bytes(data[:4], "little")
     header = json.loads(data[4 : 4 + length])
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8, header["image_bytes"], 4 + length), 1)[
+    image = cv2.imdecode(np.frombuffer(data, np.uint8, header["image_bytes"], 4 + length), 1)[
         ..., ::-1
     ]
-    assert picture.shape == (128, 128, 3)
-    whole = om.render_image(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)
-    small = cv2.resize(whole, (128, 128), interpolation=cv2.INTER_AREA).astype(float)
-    assert np.abs(cv2.blur(picture.astype(float), (5, 5)) - cv2.blur(small, (5, 5))).mean() < 4
+    assert image.shape == (128, 128, 3)
+    full = om.render_image(replace(sensor, imager=Imager(512, 512, 10.4)), om.Room(), samples=1)
+    small = cv2.resize(full, (128, 128), interpolation=cv2.INTER_AREA).astype(float)
+    assert np.abs(cv2.blur(image.astype(float), (5, 5)) - cv2.blur(small, (5, 5))).mean() < 4
 
 
 # -- tasks
@@ -463,14 +486,14 @@ def test_preview_is_reduced_simulated_image(client):
 
 def task(**changes) -> dict:
     sensor = om.load_sensor("paper-spherical")
-    plain = {
+    defaults = {
         "kind": "optimise",
         "tables": tables_of(sensor),
         "requirements": None,
         "merit": "worst_blur_deg",
     }
     return {
-        **plain,
+        **defaults,
         "terms": 3,
         "starts": 1,
         "shape": "polynomial",
@@ -483,14 +506,14 @@ def task(**changes) -> dict:
 def test_optimisation_reports_progress(client):
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(object_distance_mm=400.0))
-        news = [socket.receive_json()]
-        while news[-1]["state"] == "running":
-            news.append(socket.receive_json())
-    assert len(news) > 2
-    last = news[-1]
+        messages = [socket.receive_json()]
+        while messages[-1]["state"] == "running":
+            messages.append(socket.receive_json())
+    assert len(messages) > 2
+    last = messages[-1]
     assert last["state"] == "done"
-    found = parse_sensor(toml(last["sensor"]["tables"]))
-    e = om.evaluate(found, np.linspace(0, found.field_deg[1], 2001), object_distance_mm=400.0)
+    sensor = parse_sensor(toml(last["sensor"]["tables"]))
+    e = om.evaluate(sensor, np.linspace(0, sensor.field_deg[1], 2001), object_distance_mm=400.0)
     assert np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max() == pytest.approx(
         last["value"], rel=1e-3
     )
@@ -498,36 +521,36 @@ def test_optimisation_reports_progress(client):
 
 def test_reason_against_optimisation_is_reported_in_advance(client):
     sensor = om.load_sensor("folded-spherical")
-    ((header, _),) = ask(client, question(sensor))
+    ((header, _),) = evaluate_designs(client, design_request(sensor))
     assert "has two" in header["summary"]["not_optimised"]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(tables=tables_of(sensor)))
-        news = socket.receive_json()
-    assert (news["state"], news["message"]) == ("failed", header["summary"]["not_optimised"])
+        message = socket.receive_json()
+    assert (message["state"], message["message"]) == ("failed", header["summary"]["not_optimised"])
 
 
 @pytest.mark.full
 def test_optimisation_under_telecentric_lens_keeps_image_size(client):
     sensor = om.load_sensor("paraboloid-telecentric")
-    ((header, _),) = ask(client, question(sensor))
+    ((header, _),) = evaluate_designs(client, design_request(sensor))
     assert header["summary"]["not_optimised"] is None
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
         socket.send_json(task(tables=tables_of(sensor), terms=4))
-        news = socket.receive_json()
-        while news["state"] == "running":
-            news = socket.receive_json()
-    found = parse_sensor(toml(news["sensor"]["tables"]))
-    assert found.lens.KIND == "orthographic"
-    assert found.lens.working_f_number == pytest.approx(sensor.lens.working_f_number)
-    assert found.imager == sensor.imager
-    assert found.rim_radius_px == pytest.approx(sensor.rim_radius_px)
-    assert found.field_deg[1] == pytest.approx(sensor.field_deg[1])
+        message = socket.receive_json()
+        while message["state"] == "running":
+            message = socket.receive_json()
+    result = parse_sensor(toml(message["sensor"]["tables"]))
+    assert result.lens.KIND == "orthographic"
+    assert result.lens.working_f_number == pytest.approx(sensor.lens.working_f_number)
+    assert result.imager == sensor.imager
+    assert result.rim_radius_px == pytest.approx(sensor.rim_radius_px)
+    assert result.field_deg[1] == pytest.approx(sensor.field_deg[1])
     after, before = (
         np.maximum(np.abs(e.blur_t_deg), np.abs(e.blur_s_deg)).max()
-        for e in (om.evaluate(s, np.linspace(1, s.field_deg[1], 999)) for s in (found, sensor))
+        for e in (om.evaluate(s, np.linspace(1, s.field_deg[1], 999)) for s in (result, sensor))
     )
     assert after < before
-    assert after == pytest.approx(news["value"], rel=0.02)
+    assert after == pytest.approx(message["value"], rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -536,7 +559,7 @@ def test_optimisation_under_telecentric_lens_keeps_image_size(client):
 def test_requirement_file_contains_lens_of_sensor(name, client):
     sensor = om.load_sensor(name)
     lens = parse_requirements(
-        post(client, "requirements", requirements=WANTED, tables=tables_of(sensor)).text
+        post(client, "requirements", requirements=REQUIREMENTS, tables=tables_of(sensor)).text
     ).lens
     assert lens.kind == sensor.lens.KIND
     if name == "paraboloid-telecentric":
@@ -557,7 +580,9 @@ def misaligned() -> om.Sensor:
 def test_remark_reports_form_error(client):
     sensor = om.load_sensor("paper-spherical")
     formed = replace(sensor, mirror_form=MirrorForm((5,), (0.5,)))
-    (header, blocks), (_, same) = ask(client, question(formed), question(sensor))
+    (header, blocks), (_, same) = evaluate_designs(
+        client, design_request(formed), design_request(sensor)
+    )
     assert header["error"] is None
     assert header["note"].startswith("The file contains a form error of the mirror")
     assert header["summary"]["not_optimised"].endswith(
@@ -568,76 +593,80 @@ def test_remark_reports_form_error(client):
 
 def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
     sensor = misaligned()
-    opened = client.post(
+    response = client.post(
         "/api/bench/open", params={"name": "m.toml"}, content=format_sensor(sensor)
     ).json()
-    assert parse_sensor(toml(opened["sensor"]["tables"])) == sensor
-    (header, blocks), (there, same) = ask(client, question(sensor), question(sensor.aligned()))
+    assert parse_sensor(toml(response["sensor"]["tables"])) == sensor
+    (header, blocks), (aligned_header, aligned_blocks) = evaluate_designs(
+        client, design_request(sensor), design_request(sensor.aligned())
+    )
     assert header["error"] is None
     assert "decentred by 1.7 and -0.9 mm, tilted by 0.8 and 0°" in header["note"]
-    assert there["note"] is None
-    np.testing.assert_array_equal(blocks["curves"]["h_px"], same["curves"]["h_px"])
+    assert aligned_header["note"] is None
+    np.testing.assert_array_equal(blocks["curves"]["h_px"], aligned_blocks["curves"]["h_px"])
     assert "aligned" in header["summary"]["not_optimised"]
     change = {"target": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
     focused = post(client, "change", tables=tables_of(sensor), **change)
     assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
     for kind in ("table", "report"):
-        refused = post(client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None)
-        assert refused.status_code == 400
-        assert "requires an aligned mirror" in refused.json()["detail"]
-        assert "()" not in refused.json()["detail"]  # no Python
+        response = post(
+            client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None
+        )
+        assert response.status_code == 400
+        assert "requires an aligned mirror" in response.json()["detail"]
+        assert "()" not in response.json()["detail"]  # no Python
 
 
 def test_rendered_image_includes_misalignment(client):
     sizes = {"width_px": 64, "samples": 1}
-    pictures = [
+    images = [
         post(client, "image", tables=tables_of(sensor), **sizes).content
         for sensor in (misaligned(), misaligned().aligned())
     ]
-    assert pictures[0] != pictures[1]
+    assert images[0] != images[1]
 
 
 def test_sensor_is_designed_from_requirements(client):
-    wanted = {
-        **WANTED,
+    requirements = {
+        **REQUIREMENTS,
         "mirror": {"mapping": "equidistant", "rim_radius_mm": 40.0},
         "lens": {"theta_max_deg": 12.0},
     }
-    wanted["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
+    requirements["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
     with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
-        socket.send_json(task(kind="design", requirements=wanted))
-        news = socket.receive_json()
-        while news["state"] == "running":
-            news = socket.receive_json()
-    assert news["message"] == "All requirements are met."
-    assert news["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
-    assert tomllib.loads(toml(news["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
+        socket.send_json(task(kind="design", requirements=requirements))
+        message = socket.receive_json()
+        while message["state"] == "running":
+            message = socket.receive_json()
+    assert message["message"] == "All requirements are met."
+    assert message["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
+    assert tomllib.loads(toml(message["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
 
 
 def test_progress_is_reported(client, monkeypatch):
-    reached, go_on = threading.Event(), threading.Event()
+    is_started, is_released = threading.Event(), threading.Event()
 
     def slowly(sensor, folder, on_progress):
         on_progress("Rendering the image", 0.25)
-        reached.set()
-        assert go_on.wait(60)
+        is_started.set()
+        assert is_released.wait(60)
         (path := Path(folder) / "report.html").write_text("made")
         return path
 
     monkeypatch.setattr(report, "write_demo", slowly)
-    asked = {
+    body = {
         "tables": tables_of(om.load_sensor("paper-spherical")),
         "kind": "report",
         "object_distance_mm": None,
     }
-    assert client.post("/api/bench/making", json=asked).json() is None
+    assert client.post("/api/bench/making", json=body).json() is None
     with ThreadPoolExecutor() as pool:
-        made = pool.submit(client.post, "/api/bench/file", json=asked)
-        assert reached.wait(60)
-        told = client.post("/api/bench/making", json=asked).json()
-        other = client.post("/api/bench/making", json={**asked, "kind": "drawing"}).json()
-        go_on.set()
-        assert made.result().text == "made"
-    assert told == {"message": "Rendering the image", "fraction": 0.25}
-    assert other is None
-    assert client.post("/api/bench/making", json=asked).json() is None
+        future = pool.submit(client.post, "/api/bench/file", json=body)
+        assert is_started.wait(60)
+        status = client.post("/api/bench/making", json=body).json()
+        other_status = client.post("/api/bench/making", json={**body, "kind": "drawing"}).json()
+        is_released.set()
+        assert future.result().text == "made"
+    assert status == {"message": "Rendering the image", "fraction": 0.25}
+    assert other_status is None
+    assert client.post("/api/bench/making", json=body).json() is None

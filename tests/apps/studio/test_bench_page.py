@@ -18,16 +18,16 @@ from omnimirror.optics.mirrors import SlopeSpline
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import parse_sensor, save_sensor
 
-from .browser import COARSE, PATIENCE_MS, serving
-from .pictures import pattern
+from .browser import COARSE, TIMEOUT_MS, serving
+from .images import pattern
 from .test_page import AXE
 
 PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
-WITHOUT_PICTURES = f"""
+WITHOUT_IMAGES = f"""
 if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
 """  # rendering them would use all processors
-NOW = "window.omnimirror.tabs.design.history.now"
+CURRENT_DESIGN = "window.omnimirror.tabs.design.history.now"
 CANCEL_AT_FIRST_STEP = """
 new MutationObserver((_, observer) => {
   const words = [...document.querySelectorAll("#design .words")].map((e) => e.textContent);
@@ -47,24 +47,24 @@ def bench(browser, server):
     context = browser.new_context(
         viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE
     )
-    context.add_init_script(WITHOUT_PICTURES)
+    context.add_init_script(WITHOUT_IMAGES)
     page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     problems = []
     page.on("pageerror", lambda e: problems.append(str(e)))
     page.goto(f"{server}#tab=design")
-    drawn(page)
+    wait_for_plots(page)
     yield page
     context.close()
     assert problems == []
 
 
-def drawn(page) -> None:
+def wait_for_plots(page) -> None:
     """Wait for the first drawing."""
     page.wait_for_selector("#design .compare tbody td")
 
 
-def settled(page) -> None:
+def wait_for_response(page) -> None:
     """Wait until the response to the current design has been drawn."""
     page.wait_for_function("""() => {
       const { design } = window.omnimirror.tabs;
@@ -73,10 +73,10 @@ def settled(page) -> None:
 
 
 def sensor_on(page) -> om.Sensor:
-    return parse_sensor(tomli_w.dumps(page.evaluate(f"{NOW}.tables")))
+    return parse_sensor(tomli_w.dumps(page.evaluate(f"{CURRENT_DESIGN}.tables")))
 
 
-def plotted(page, title: str) -> np.ndarray:
+def plot_values(page, title: str) -> np.ndarray:
     """Return field angles and series values of a chart."""
     script = """(title) => {
       const { charts } = window.omnimirror.tabs.design.plotArea;
@@ -85,7 +85,7 @@ def plotted(page, title: str) -> np.ndarray:
     return np.array(page.evaluate(script, title), float)
 
 
-def slide(page, name: str, place: float) -> None:
+def drag_slider(page, name: str, fraction: float) -> None:
     """Drag a slider to a fraction of its width and release it."""
     slider = page.get_by_label(f"{name}, slider", exact=True)
     slider.scroll_into_view_if_needed()
@@ -93,16 +93,16 @@ def slide(page, name: str, place: float) -> None:
     y = box["y"] + box["height"] / 2
     page.mouse.move(box["x"] + box["width"] / 2, y)
     page.mouse.down()
-    for share in np.linspace(0.5, place, 6):
-        page.mouse.move(box["x"] + box["width"] * share, y)
+    for position in np.linspace(0.5, fraction, 6):
+        page.mouse.move(box["x"] + box["width"] * position, y)
     page.mouse.up()
-    settled(page)
+    wait_for_response(page)
 
 
-def enter(page, name: str, value: str) -> None:
+def enter_value(page, name: str, value: str) -> None:
     page.get_by_label(name, exact=True).fill(value)
     page.keyboard.press("Enter")
-    settled(page)
+    wait_for_response(page)
 
 
 @pytest.mark.parametrize(
@@ -115,12 +115,14 @@ def enter(page, name: str, value: str) -> None:
 def test_slider_updates_curves_to_evaluation(mirror, bench):
     if mirror != "sphere":
         bench.get_by_label("Type of mirror").select_option(mirror)
-        bench.wait_for_function(f"{NOW}.tables.mirror.kind === '{mirror.replace(' ', '-')}'")
+        bench.wait_for_function(
+            f"{CURRENT_DESIGN}.tables.mirror.kind === '{mirror.replace(' ', '-')}'"
+        )
     name = {"sphere": "Radius", "equidistant": "Ω max", "even polynomial": "Coefficient 1"}[mirror]
-    before = bench.evaluate(f"JSON.stringify({NOW}.tables.mirror)")
-    slide(bench, name, 0.57)
+    before = bench.evaluate(f"JSON.stringify({CURRENT_DESIGN}.tables.mirror)")
+    drag_slider(bench, name, 0.57)
     sensor = sensor_on(bench)
-    assert bench.evaluate(f"JSON.stringify({NOW}.tables.mirror)") != before
+    assert bench.evaluate(f"JSON.stringify({CURRENT_DESIGN}.tables.mirror)") != before
     expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361))
     charts = {
         "Image height": ["h_px"],
@@ -129,7 +131,7 @@ def test_slider_updates_curves_to_evaluation(mirror, bench):
         "Floored blur area": ["floored_area_deg2"],
     }
     for title, columns in charts.items():
-        omega, *series = plotted(bench, title)
+        omega, *series = plot_values(bench, title)
         np.testing.assert_allclose(omega, expected.omega_deg, rtol=1e-6)
         for column, values in zip(columns, series, strict=True):
             np.testing.assert_allclose(values, getattr(expected, column), rtol=1e-5, atol=1e-4)
@@ -161,8 +163,8 @@ def test_cursor_is_shared_by_all_plots(bench):
         .inner_text()
         .startswith(f"{omega:.1f}°")
     )
-    read = section.locator(".read circle")
-    assert float(read.get_attribute("cy")) == pytest.approx(
+    marker = section.locator(".read circle")
+    assert float(marker.get_attribute("cy")) == pytest.approx(
         70, abs=1.5
     )  # mirror point at the height of the pointer
     chart.focus()
@@ -174,9 +176,9 @@ def test_cursor_is_shared_by_all_plots(bench):
 
 def test_undo_redo_and_reload_preserve_state(bench):
     first = sensor_on(bench)
-    slide(bench, "Radius", 0.6)
+    drag_slider(bench, "Radius", 0.6)
     second = sensor_on(bench)
-    enter(bench, "F-number", "5.6")
+    enter_value(bench, "F-number", "5.6")
     third = sensor_on(bench)
     assert len({first, second, third}) == 3
     bench.keyboard.press("Control+z")
@@ -189,7 +191,7 @@ def test_undo_redo_and_reload_preserve_state(bench):
     bench.get_by_role("button", name="Add a requirement").click()
     bench.wait_for_function("location.hash.includes('quantity')")
     bench.reload()
-    drawn(bench)
+    wait_for_plots(bench)
     assert sensor_on(bench) == second
     bench.get_by_role(
         "button", name=re.compile("^Unpin")
@@ -201,61 +203,61 @@ def test_undo_redo_and_reload_preserve_state(bench):
 
 
 def test_error_is_displayed_next_to_its_field_and_plots_remain(bench):
-    before = plotted(bench, "Image height")
-    enter(bench, "Rim radius", "60")
+    before = plot_values(bench, "Image height")
+    enter_value(bench, "Rim radius", "60")
     field = bench.locator(".field").filter(has=bench.get_by_label("Rim radius", exact=True))
     assert "Rim radius must be less than 49.9582 mm" in field.locator(".problem").inner_text()
     assert bench.get_by_label("Rim radius", exact=True).get_attribute("aria-invalid") == "true"
     assert "last valid design" in bench.locator(".trouble").inner_text()
-    np.testing.assert_array_equal(plotted(bench, "Image height"), before)
-    enter(bench, "Rim radius", "45")
+    np.testing.assert_array_equal(plot_values(bench, "Image height"), before)
+    enter_value(bench, "Rim radius", "45")
     assert not field.locator(".problem").is_visible()
     assert not bench.locator(".trouble").is_visible()
-    assert not np.array_equal(plotted(bench, "Image height"), before)
+    assert not np.array_equal(plot_values(bench, "Image height"), before)
 
 
 @pytest.mark.long
 def test_pinned_designs_are_compared_loaded_and_unpinned(bench):
     first = sensor_on(bench)
     bench.get_by_role("button", name="Pin", exact=True).click()
-    slide(bench, "Focal length", 0.65)
+    drag_slider(bench, "Focal length", 0.65)
     rows = bench.locator(".compare tbody tr")
     rows.nth(1).wait_for()
-    now, pinned = (rows.nth(i).locator("td").nth(2).inner_text() for i in (0, 1))
-    assert float(now.split()[0]) == pytest.approx(sensor_on(bench).rim_radius_px, rel=1e-3)
+    current, pinned = (rows.nth(i).locator("td").nth(2).inner_text() for i in (0, 1))
+    assert float(current.split()[0]) == pytest.approx(sensor_on(bench).rim_radius_px, rel=1e-3)
     assert float(pinned) == pytest.approx(first.rim_radius_px, rel=1e-3)
-    omega, old, _ = plotted(bench, "Image height")
-    drawn_at = np.isfinite(old)
-    expected = om.evaluate(first, np.minimum(omega[drawn_at], first.field_deg[1])).h_px
-    np.testing.assert_allclose(old[drawn_at], expected, rtol=1e-5, atol=1e-3)
+    omega, old, _ = plot_values(bench, "Image height")
+    is_plotted = np.isfinite(old)
+    expected = om.evaluate(first, np.minimum(omega[is_plotted], first.field_deg[1])).h_px
+    np.testing.assert_allclose(old[is_plotted], expected, rtol=1e-5, atol=1e-3)
     bench.get_by_role("button", name=re.compile("^Load")).click()
-    settled(bench)
+    wait_for_response(bench)
     assert sensor_on(bench) == first
     bench.get_by_role("button", name=re.compile("^Unpin")).click()
     assert rows.count() == 1
-    assert len(plotted(bench, "Image height")) == 2
+    assert len(plot_values(bench, "Image height")) == 2
 
 
 def test_saved_sensor_round_trip(bench, tmp_path):
-    slide(bench, "Radius", 0.58)
-    enter(bench, "Name", "mine")
-    mine = sensor_on(bench)
+    drag_slider(bench, "Radius", 0.58)
+    enter_value(bench, "Name", "mine")
+    sensor = sensor_on(bench)
     bench.get_by_text("Download", exact=True).click()
-    with bench.expect_download() as saved:
+    with bench.expect_download() as download:
         bench.get_by_role("button", name="Sensor file").click()
-    assert saved.value.suggested_filename == "mine.toml"
-    saved.value.save_as(tmp_path / "mine.toml")
-    assert om.load_sensor(tmp_path / "mine.toml") == mine
+    assert download.value.suggested_filename == "mine.toml"
+    download.value.save_as(tmp_path / "mine.toml")
+    assert om.load_sensor(tmp_path / "mine.toml") == sensor
     bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
-    bench.wait_for_function(f"{NOW}.tables.name === 'folded-hyperboloidal'")
+    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'folded-hyperboloidal'")
     assert bench.get_by_role("heading", name="Second mirror").is_visible()
     bench.set_input_files("#design-file", tmp_path / "mine.toml")
-    bench.wait_for_function(f"{NOW}.tables.name === 'mine'")
-    assert sensor_on(bench) == mine
+    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'mine'")
+    assert sensor_on(bench) == sensor
     (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
     bench.set_input_files("#design-file", tmp_path / "bad.toml")
     bench.get_by_text("did you mean sphere?").first.wait_for()
-    assert sensor_on(bench) == mine
+    assert sensor_on(bench) == sensor
 
 
 def test_unbounded_square_is_omitted(bench, tmp_path):
@@ -270,8 +272,8 @@ def test_unbounded_square_is_omitted(bench, tmp_path):
     sides = "[...document.querySelectorAll('#design .strip')[0].querySelectorAll('rect')].map((r) => r.height.baseVal)"
     before = bench.evaluate(f"{sides}.length")
     bench.set_input_files("#design-file", tmp_path / "ring.toml")
-    bench.wait_for_function(f"{NOW}.tables.name === 'ring'")
-    settled(bench)
+    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'ring'")
+    wait_for_response(bench)
     heights = bench.evaluate(f"{sides}.map((height) => height.value)")
     assert len(heights) == before - 1
     assert 0 < min(heights) <= max(heights) < 1000
@@ -286,16 +288,16 @@ def test_requirements_display_verdict_and_margin(bench, tmp_path):
     )  # including the Airy disc
     worst = blur.max()
     bench.get_by_role("button", name="Add a requirement").click()
-    settled(bench)
+    wait_for_response(bench)
     mark = bench.locator(".limit").last.locator(".mark")
     assert f"✗ missed by {worst - 5:.2f} px" in mark.inner_text()
     assert "at 135°" in mark.inner_text()
     assert bench.get_by_text("1 of 3 not met").is_visible()
-    enter(bench, "total_blur_px at most", "10")
+    enter_value(bench, "total_blur_px at most", "10")
     assert f"✓ met by {10 - worst:.2f} px" in mark.inner_text()
     assert bench.get_by_text("All 3 met").is_visible()
     bench.get_by_role("button", name="partial field").click()
-    enter(bench, "Maximum field angle of the limit, degrees", "60")
+    enter_value(bench, "Maximum field angle of the limit, degrees", "60")
     part = e.omega_deg <= 60
     worst = blur[part].max()
     assert f"✓ met by {10 - worst:.2f} px" in mark.inner_text()
@@ -305,21 +307,21 @@ def test_requirements_display_verdict_and_margin(bench, tmp_path):
         "[lens]\ntheta_max_deg = 12\n[[limit]]\nquantity = 'aspect'\nat_least = 0.5\n"
     )
     bench.set_input_files("#design-file", tmp_path / "wanted.toml")
-    farthest = bench.get_by_label("Maximum object distance, mm; empty for infinity")
+    max_distance = bench.get_by_label("Maximum object distance, mm; empty for infinity")
     # An empty one existed before the file was opened.
     bench.wait_for_function(
         "[...document.querySelectorAll('#design input')].some((input) => input.value === '12000')"
     )
-    assert farthest.input_value() == "12000"
+    assert max_distance.input_value() == "12000"
     size = bench.viewport_size
     bench.set_viewport_size({"width": 1280, "height": 800})
     assert (
-        farthest.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0
+        max_distance.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0
     )  # the number is fully visible
     bench.set_viewport_size(size)
     bench.get_by_role("button", name="Design from requirements").click()
-    bench.wait_for_function(f"{NOW}.tables.mirror.kind === 'equiangular'")
-    settled(bench)
+    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.mirror.kind === 'equiangular'")
+    wait_for_response(bench)
     assert sensor_on(bench).field_deg[1] == pytest.approx(90)
 
 
@@ -338,8 +340,8 @@ def test_optimisation_is_cancelled_and_undone(bench):
     bench.get_by_label("Terms", exact=True).fill("3")
     bench.get_by_label("Starts").fill("1")
     bench.get_by_role("button", name="Optimise").click()
-    bench.wait_for_function(f"{NOW}.tables.name === 'optimised-worst-blur-deg'")
-    settled(bench)
+    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'optimised-worst-blur-deg'")
+    wait_for_response(bench)
     e, before = (
         om.evaluate(s, np.linspace(0, s.field_deg[1], 999)) for s in (sensor_on(bench), first)
     )
@@ -357,18 +359,18 @@ def test_misaligned_sensor_is_opened_reported_and_aligned(bench, tmp_path):
     save_sensor(
         replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml"
     )
-    before = plotted(bench, "Image height")
+    before = plot_values(bench, "Image height")
     bench.set_input_files("#design-file", tmp_path / "mine.toml")
     bench.get_by_text("The mirror is misaligned").wait_for()
     assert "()" not in bench.locator(".desk").inner_text()  # no Python
-    assert not np.array_equal(plotted(bench, "Image height"), before)
+    assert not np.array_equal(plot_values(bench, "Image height"), before)
     optimise = bench.get_by_role("button", name="Optimise")
     assert optimise.is_disabled()
     assert bench.get_by_text("requires an aligned mirror; this one is decentred").is_visible()
-    enter(bench, "Decentre x", "2")
+    enter_value(bench, "Decentre x", "2")
     assert sensor_on(bench).mirror_pose.decentre_x_mm == 2
     bench.get_by_role("button", name="Align the mirror").click()
-    settled(bench)
+    wait_for_response(bench)
     assert sensor_on(bench) == replace(
         om.load_sensor("paper-hyperboloidal"), name="design", notes=""
     )
@@ -403,8 +405,8 @@ def test_section_labels_do_not_overlap(width, bench):
     for section in boxes:
         for i, a in enumerate(section):
             for b in section[:i]:
-                over = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-                assert min(over) < 2, (a, b)
+                overlap = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+                assert min(overlap) < 2, (a, b)
     if width == 1280:
         assert {"105°", "120°", "135°"} <= {t[-1] for t in boxes[0]}
 
@@ -413,72 +415,72 @@ def test_section_labels_do_not_overlap(width, bench):
 def test_designs_are_distinguishable_without_colour(bench):
     for value in ("12", "13"):
         bench.get_by_role("button", name="Pin", exact=True).click()
-        enter(bench, "Focal length", value)
+        enter_value(bench, "Focal length", value)
     bench.locator(".compare tbody tr").nth(2).wait_for()
     swatches = bench.locator(".swatch line")
     styles = [swatches.nth(i).get_attribute("stroke-dasharray") for i in range(3)]
     assert len(set(styles)) == 3
-    drawn_with = bench.evaluate(
+    dashes = bench.evaluate(
         "window.omnimirror.tabs.design.plotArea.charts[0].plot.series.slice(1)"
         ".map((s) => (s.dash ?? ['none']).join(' '))"
     )
-    assert sorted(drawn_with) == sorted(styles)
+    assert sorted(dashes) == sorted(styles)
 
 
 def test_view_through_design_is_displayed(bench, monkeypatch):
     monkeypatch.setattr(
         _look_routes,
         "render_room",
-        lambda known: encoded(pattern(known.camera.image_size), ".png"),
+        lambda look_sensor: encoded(pattern(look_sensor.camera.image_size), ".png"),
     )
-    slide(bench, "Radius", 0.55)
-    mine = sensor_on(bench)
+    drag_slider(bench, "Radius", 0.55)
+    sensor = sensor_on(bench)
     bench.get_by_role("button", name="Use as camera").click()
     bench.wait_for_function(
         "window.omnimirror.look.feed?.name === 'circle.png' && window.omnimirror.look.camera"
     )
     assert bench.locator("#view").is_visible()
     model = bench.evaluate("window.omnimirror.look.sensor.camera.model")
-    assert model["rim_radius_px"] == pytest.approx(mine.rim_radius_px)
+    assert model["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
     bench.get_by_role("button", name="Design", exact=True).click()
-    assert sensor_on(bench) == mine
+    assert sensor_on(bench) == sensor
 
 
 def test_bench_reconnects_to_server(browser):
     with serving(Studio()) as address:
         page = browser.new_context(bypass_csp=True).new_page()
-        page.add_init_script(WITHOUT_PICTURES)
+        page.add_init_script(WITHOUT_IMAGES)
         page.goto(f"{address}#tab=design")
-        drawn(page)
+        wait_for_plots(page)
     page.locator("#design").get_by_label("Radius", exact=True).fill("52")
     page.wait_for_function(
         "document.querySelector('#banner').textContent.includes('does not respond')"
     )
-    before = plotted(page, "Image height")
+    before = plot_values(page, "Image height")
     with serving(Studio(), int(re.search(r":(\d+)/", address)[1])):
         page.wait_for_function("document.querySelector('#banner').hidden")
-        settled(page)
+        wait_for_response(page)
         page.wait_for_function(
             "window.omnimirror.tabs.design.evaluations[0].summary.field_deg[1] < 130"
         )
-        assert not np.array_equal(plotted(page, "Image height"), before)
+        assert not np.array_equal(plot_values(page, "Image height"), before)
     page.context.close()
 
 
 def test_bench_respects_content_security_policy(browser, server):
     context = browser.new_context()
     page = context.new_page()
-    said = []
-    page.on("console", lambda m: said.append(m.text))
-    fetched = []
-    page.on("request", lambda r: fetched.append(r.url))
+    messages = []
+    page.on("console", lambda m: messages.append(m.text))
+    urls = []
+    page.on("request", lambda r: urls.append(r.url))
     page.goto(server)
     page.get_by_text("Elevation -90").wait_for()
-    assert not any("bench" in url for url in fetched)  # the bench does not delay the first paint
+    assert not any("bench" in url for url in urls)  # the bench does not delay the first paint
     page.get_by_role("button", name="Design", exact=True).click()
-    drawn(page)
+    wait_for_plots(page)
     page.get_by_alt_text("Panorama of the room").wait_for()
-    assert [text for text in said if "Content Security Policy" in text] == []
+    assert [text for text in messages if "Content Security Policy" in text] == []
     context.close()
 
 
@@ -489,12 +491,12 @@ def test_accessibility_of_bench(scheme, bench):
     bench.emulate_media(color_scheme=scheme)
     bench.get_by_role("button", name="Pin", exact=True).click()
     bench.get_by_role("button", name="Add a requirement").click()
-    enter(bench, "Rim radius", "60")
+    enter_value(bench, "Rim radius", "60")
     bench.add_script_tag(path=AXE)
-    found = bench.evaluate(
+    violations = bench.evaluate(
         "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
     )
     serious = {
-        v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")
+        v["id"]: v["nodes"][0]["html"] for v in violations if v["impact"] in ("serious", "critical")
     }
     assert serious == {}

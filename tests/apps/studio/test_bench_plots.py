@@ -11,17 +11,17 @@ import pytest
 
 import omnimirror as om
 
-from .test_bench_page import bench, enter, plotted, sensor_on, settled  # noqa: F401
+from .test_bench_page import bench, enter_value, plot_values, sensor_on, wait_for_response  # noqa: F401
 
 
-def saved(page, name: str) -> str:
+def saved_text(page, name: str) -> str:
     """Return the text of a file saved by the button of a plot."""
     with page.expect_download() as download:
         page.get_by_role("button", name=name).click()
     return download.value.path().read_text()
 
 
-MADE = """() => {
+RECORD_ELEMENTS = """() => {
   window.made = [];
   const seen = (records) => {
     const added = records.flatMap((record) => [...record.addedNodes]);
@@ -35,11 +35,13 @@ MADE = """() => {
 
 def test_moving_slider_reuses_elements(bench):  # noqa: F811
     """New elements would require style and layout by the browser at every step."""
-    enter(bench, "F-number", "4.1")  # a pinned design, and a mark at the previous slider position
+    enter_value(
+        bench, "F-number", "4.1"
+    )  # a pinned design, and a mark at the previous slider position
     before = bench.locator("#design .strip").first.inner_html()
-    bench.evaluate(MADE)
+    bench.evaluate(RECORD_ELEMENTS)
     for number in (4.2, 4.3, 4.4):
-        enter(bench, "F-number", str(number))
+        enter_value(bench, "F-number", str(number))
     assert bench.evaluate("window.made") == []
     assert bench.locator("#design .strip").first.inner_html() != before
 
@@ -48,53 +50,59 @@ def test_differences_to_pinned_designs_are_plotted_and_saved(bench):  # noqa: F8
     first = sensor_on(bench)
     assert bench.get_by_label("Difference").is_hidden()
     bench.get_by_role("button", name="Pin", exact=True).click()
-    enter(bench, "Focal length", "12")
+    enter_value(bench, "Focal length", "12")
     bench.locator(".compare tbody tr").nth(1).wait_for()
     bench.locator(".groups label").filter(has_text="Difference").click()
-    omega, differs = plotted(bench, "Image height")
-    now, before = (
+    omega, difference = plot_values(bench, "Image height")
+    current, previous = (
         om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first)
     )
-    np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
-    assert np.abs(differs).max() > 10
-    rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Image height as CSV"))))
+    np.testing.assert_allclose(
+        difference, current.h_px - previous.h_px, atol=2e-4 * current.h_px.max()
+    )
+    assert np.abs(difference).max() > 10
+    rows = list(csv.DictReader(io.StringIO(saved_text(bench, "Save Image height as CSV"))))
     assert {row["design"] for row in rows} == {"design minus paper-spherical"}
-    np.testing.assert_allclose([float(row["h_px"]) for row in rows], differs, rtol=1e-6)
-    drawing = ElementTree.fromstring(saved(bench, "Save Blur in the image as SVG"))
+    np.testing.assert_allclose([float(row["h_px"]) for row in rows], difference, rtol=1e-6)
+    drawing = ElementTree.fromstring(saved_text(bench, "Save Blur in the image as SVG"))
     curves = [p for p in drawing.iter("{http://www.w3.org/2000/svg}path") if p.get("clip-path")]
     assert len(curves) == 2  # T and S
     assert len({p.get("stroke-dasharray") for p in curves}) == 2
     assert "Difference of blur in the image, px" in "".join(drawing.itertext())
-    section = ElementTree.fromstring(saved(bench, "Save the cross-section as SVG"))
+    section = ElementTree.fromstring(saved_text(bench, "Save the cross-section as SVG"))
     strokes = {p.get("stroke") for p in section.iter("{http://www.w3.org/2000/svg}path")}
     assert "none" not in strokes  # also without the style sheet of the page
     bench.locator(".groups label").filter(has_text="Difference").click()
-    assert len(plotted(bench, "Image height")) == 3
+    assert len(plot_values(bench, "Image height")) == 3
 
 
 def test_object_sizes_are_plotted_at_the_object_distance(bench):  # noqa: F811
     bench.locator(".groups label").filter(has_text="Object size").click()
     cylinder = bench.locator("figure.plot").filter(has_text="Object size on a cylinder, mm/px")
     assert cylinder.is_visible()
-    assert np.isnan(plotted(bench, "Object size on a cylinder")[1:]).all()  # of objects at infinity
+    assert np.isnan(
+        plot_values(bench, "Object size on a cylinder")[1:]
+    ).all()  # of objects at infinity
     bench.get_by_role("checkbox", name="At infinity").uncheck()
-    enter(bench, "Object distance", "700")
+    enter_value(bench, "Object distance", "700")
     sensor = sensor_on(bench)
     for surface in ("plane", "cylinder"):
-        omega, t, s = plotted(bench, f"Object size on a {surface}")
+        omega, t, s = plot_values(bench, f"Object size on a {surface}")
         result = om.evaluate(
             sensor, np.minimum(omega, sensor.field_deg[1]), object_distance_mm=700.0
         )
         truth = getattr(result, f"{surface}_t_mm_per_px")
-        known = np.isfinite(t) & (np.abs(omega - 90) > 1)  # field angles are rounded to 32 bits
-        np.testing.assert_allclose(t[known], truth[known], rtol=1e-4)
+        is_finite = np.isfinite(t) & (np.abs(omega - 90) > 1)  # field angles are rounded to 32 bits
+        np.testing.assert_allclose(t[is_finite], truth[is_finite], rtol=1e-4)
         np.testing.assert_allclose(s, result.object_s_mm_per_px, rtol=1e-5)
         range_ = bench.evaluate(
             "(title) => window.omnimirror.tabs.design.plotArea.charts.find((c) => c.chart.title === title).range",
             f"Object size on a {surface}",
         )
         assert range_[1] <= 8 * np.nanmedian(np.concatenate([t, s]))  # not that of the pole
-    rows = list(csv.DictReader(io.StringIO(saved(bench, "Save Object size on a plane as CSV"))))
+    rows = list(
+        csv.DictReader(io.StringIO(saved_text(bench, "Save Object size on a plane as CSV")))
+    )
     assert {"plane_t_mm_per_px", "object_s_mm_per_px"} <= rows[0].keys()
     bench.locator(".groups label").filter(has_text="Object size").click()
 
@@ -102,7 +110,7 @@ def test_object_sizes_are_plotted_at_the_object_distance(bench):  # noqa: F811
 @pytest.mark.full
 def test_zero_difference_is_labelled_and_centred(bench):  # noqa: F811
     bench.get_by_role("button", name="Pin", exact=True).click()
-    enter(bench, "F-number", "5.6")  # changes blur only
+    enter_value(bench, "F-number", "5.6")  # changes blur only
     bench.locator(".compare tbody tr").nth(1).wait_for()
     bench.locator(".groups label").filter(has_text="Difference").click()
 
@@ -111,9 +119,9 @@ def test_zero_difference_is_labelled_and_centred(bench):  # noqa: F811
 
     plot("Image height").get_by_text("identical to the pinned design").wait_for()
     plot("Blur in the image").get_by_text("current minus pinned").wait_for()
-    _, differs = plotted(bench, "Image height")
-    np.testing.assert_allclose(differs, 0.0, atol=2e-3)
-    drawing = ElementTree.fromstring(saved(bench, "Save Image height as SVG"))
+    _, difference = plot_values(bench, "Image height")
+    np.testing.assert_allclose(difference, 0.0, atol=2e-3)
+    drawing = ElementTree.fromstring(saved_text(bench, "Save Image height as SVG"))
     marks = [
         float(text.text.replace("\N{MINUS SIGN}", "-"))
         for text in drawing.iter("{http://www.w3.org/2000/svg}text")
@@ -122,7 +130,7 @@ def test_zero_difference_is_labelled_and_centred(bench):  # noqa: F811
     assert min(marks) < 0 < max(marks)
 
 
-COVERED = """() => {
+OVERLAPPED_PLOTS = """() => {
   const said = document.querySelector("#said").getBoundingClientRect();
   const meets = ({ left, right, top, bottom, width }) =>
     width && left < said.right && said.left < right && top < said.bottom && said.top < bottom;
@@ -142,45 +150,50 @@ def test_search_result_is_compared_with_previous_design_without_overlap(bench): 
     bench.locator("#said", has_text="the previous design is pinned").wait_for()
     for width in (900, 1280, 2560):
         bench.set_viewport_size({"width": width, "height": 800})
-        assert bench.evaluate(COVERED) == []
+        assert bench.evaluate(OVERLAPPED_PLOTS) == []
     bench.locator(".compare tbody tr").nth(1).wait_for()
-    settled(bench)
+    wait_for_response(bench)
     assert bench.get_by_role("checkbox", name="Difference").is_checked()
     assert bench.get_by_role("button", name="Unpin paper-spherical, before").is_visible()
-    omega, differs = plotted(bench, "Image height")
-    now, before = (
+    omega, difference = plot_values(bench, "Image height")
+    current, previous = (
         om.evaluate(s, np.minimum(omega, s.field_deg[1])) for s in (sensor_on(bench), first)
     )
-    np.testing.assert_allclose(differs, now.h_px - before.h_px, atol=2e-4 * now.h_px.max())
-    assert np.abs(differs).max() > 1
+    np.testing.assert_allclose(
+        difference, current.h_px - previous.h_px, atol=2e-4 * current.h_px.max()
+    )
+    assert np.abs(difference).max() > 1
 
 
 def test_slider_marks_and_restores_initial_value(bench):  # noqa: F811
     field = bench.locator(".field").filter(has=bench.get_by_label("Focal length", exact=True))
-    back = field.locator(".back")
-    assert back.is_hidden()
+    reset = field.locator(".back")
+    assert reset.is_hidden()
     first = sensor_on(bench)
-    enter(bench, "Focal length", "15")
+    enter_value(bench, "Focal length", "15")
     low, high = (float(text) for text in field.locator(".ends span").all_inner_texts())
     share = np.log(first.lens.focal_length_mm / low) / np.log(high / low)
-    place = field.locator(".marks .first").evaluate("(mark) => parseFloat(mark.style.left)")
-    assert place == pytest.approx(100 * share, abs=0.5)
-    back.click()
-    settled(bench)
+    position = field.locator(".marks .first").evaluate("(mark) => parseFloat(mark.style.left)")
+    assert position == pytest.approx(100 * share, abs=0.5)
+    reset.click()
+    wait_for_response(bench)
     assert sensor_on(bench).lens == first.lens
-    assert back.is_hidden()
-    far = bench.locator(".field").filter(has=bench.get_by_label("F-number", exact=True))
-    enter(bench, "F-number", "0.1")
-    assert far.locator(".marks .stop").count() == 1 or far.locator(".problem").is_visible()
+    assert reset.is_hidden()
+    f_number_field = bench.locator(".field").filter(has=bench.get_by_label("F-number", exact=True))
+    enter_value(bench, "F-number", "0.1")
+    assert (
+        f_number_field.locator(".marks .stop").count() == 1
+        or f_number_field.locator(".problem").is_visible()
+    )
 
 
 @pytest.mark.parametrize(
-    "pins", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))]
+    "pin_count", [1, *(pytest.param(count, marks=pytest.mark.full) for count in (0, 4))]
 )
-def test_all_curves_fit_on_first_screen(pins, bench):  # noqa: F811
-    for number in range(pins):
+def test_all_curves_fit_on_first_screen(pin_count, bench):  # noqa: F811
+    for number in range(pin_count):
         bench.get_by_role("button", name="Pin", exact=True).click()
-        enter(bench, "Focal length", str(12 + number))
+        enter_value(bench, "Focal length", str(12 + number))
         bench.locator(".compare tbody tr").nth(number + 1).wait_for()
     bottoms = bench.evaluate(
         "[...document.querySelectorAll('#design .plot:not([hidden]):has(.chart)')].map((f) "
@@ -207,13 +220,13 @@ MOVED = """async (count) => {
 @pytest.mark.full
 def test_slider_and_plots_cause_one_layout_each(bench):  # noqa: F811
     """A size query between two plots forces a layout, five times per change."""
-    told = bench.context.new_cdp_session(bench)
-    told.send("Performance.enable")
+    session = bench.context.new_cdp_session(bench)
+    session.send("Performance.enable")
 
     def layouts() -> int:
         return next(
             m["value"]
-            for m in told.send("Performance.getMetrics")["metrics"]
+            for m in session.send("Performance.getMetrics")["metrics"]
             if m["name"] == "LayoutCount"
         )
 

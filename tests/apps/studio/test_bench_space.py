@@ -43,9 +43,9 @@ SENSORS = {
 
 
 def blocks_of(sensor: om.Sensor) -> dict[str, np.ndarray]:
-    straight = aligned_sensor(sensor)
+    aligned = aligned_sensor(sensor)
     heights = om.evaluate(
-        straight, straight.field_deg[0] + np.linspace(0, 0.99, 7) * np.ptp(straight.field_deg)
+        aligned, aligned.field_deg[0] + np.linspace(0, 0.99, 7) * np.ptp(aligned.field_deg)
     ).h_px
     return {block.name: values for block, values in space_blocks(sensor, heights)}
 
@@ -54,7 +54,7 @@ def rays_of(sensor: om.Sensor) -> dict[str, np.ndarray]:
     return dict(zip(RAYS, blocks_of(sensor)["rays"], strict=True))
 
 
-def places(rays: dict[str, np.ndarray], node: str) -> np.ndarray:
+def node_points(rays: dict[str, np.ndarray], node: str) -> np.ndarray:
     return np.stack([rays[f"{node}_{axis}"] for axis in "xyz"], axis=-1)
 
 
@@ -63,20 +63,22 @@ def test_rays_have_directions_of_their_pixels(name):
     sensor = SENSORS[name]
     rays = rays_of(sensor)
     pixels = np.stack([rays["u_px"], rays["v_px"]], axis=-1)
-    seen = np.isfinite(rays["omega_deg"]) & (rays["is_hidden"] == 0)
-    assert seen.sum() > 0.6 * len(seen)
-    origins, directions, valid = sensor.backproject(pixels[seen])
+    is_visible = np.isfinite(rays["omega_deg"]) & (rays["is_hidden"] == 0)
+    assert is_visible.sum() > 0.6 * len(is_visible)
+    origins, directions, valid = sensor.backproject(pixels[is_visible])
     assert valid.all()
-    begin = np.where(
-        np.isfinite(places(rays, "wall")), places(rays, "wall"), places(rays, "mirror")
-    )[seen]
-    np.testing.assert_allclose(begin, origins, atol=1e-8)
-    way = places(rays, "end")[seen] - begin
-    length = np.linalg.norm(way, axis=1)
-    np.testing.assert_allclose(way / length[:, None], directions, atol=1e-9)
+    start = np.where(
+        np.isfinite(node_points(rays, "wall")),
+        node_points(rays, "wall"),
+        node_points(rays, "mirror"),
+    )[is_visible]
+    np.testing.assert_allclose(start, origins, atol=1e-8)
+    path = node_points(rays, "end")[is_visible] - start
+    length = np.linalg.norm(path, axis=1)
+    np.testing.assert_allclose(path / length[:, None], directions, atol=1e-9)
     np.testing.assert_allclose(length, om.Room().distance_mm(origins, directions), rtol=1e-9)
     np.testing.assert_allclose(
-        np.cos(np.radians(rays["omega_deg"][seen])), directions @ sensor.axis, atol=1e-12
+        np.cos(np.radians(rays["omega_deg"][is_visible])), directions @ sensor.axis, atol=1e-12
     )
 
 
@@ -90,10 +92,17 @@ def test_rays_satisfy_reflection_law(name):
     np.testing.assert_allclose(
         sensor.mirror.sag(np.hypot(*on_mirror.T[:2])), on_mirror[:, 2], atol=1e-9
     )
-    lens, second, met, end = (places(rays, node) for node in ("lens", "second", "mirror", "end"))
-    came, left = met - (lens if sensor.secondary is None else second), end - met
+    lens, second, mirror_point, end = (
+        node_points(rays, node) for node in ("lens", "second", "mirror", "end")
+    )
+    incoming, outgoing = (
+        mirror_point - (lens if sensor.secondary is None else second),
+        end - mirror_point,
+    )
     between = (
-        -(came * left).sum(axis=1) / np.linalg.norm(came, axis=1) / np.linalg.norm(left, axis=1)
+        -(incoming * outgoing).sum(axis=1)
+        / np.linalg.norm(incoming, axis=1)
+        / np.linalg.norm(outgoing, axis=1)
     )
     np.testing.assert_allclose(np.cos(2 * np.radians(rays["incidence_deg"])), between, atol=1e-9)
 
@@ -101,40 +110,43 @@ def test_rays_satisfy_reflection_law(name):
 def test_obscuration_matches_sensor():
     sensor = SENSORS["dome"]
     rays = rays_of(sensor)
-    hidden = np.any(
+    is_obscured = np.any(
         [*sensor.obscured_by(np.stack([rays["u_px"], rays["v_px"]], axis=-1)).values()], axis=0
     )
-    np.testing.assert_array_equal(rays["is_hidden"] > 0, hidden)
-    assert 0 < hidden.sum() < len(hidden)
+    np.testing.assert_array_equal(rays["is_hidden"] > 0, is_obscured)
+    assert 0 < is_obscured.sum() < len(is_obscured)
 
 
 def test_parts_have_their_positions():
     pose = MirrorPose(1.5, -0.5, 0.2, 0.5, 1.0)
-    found = blocks_of(replace(SPHERE, mirror_pose=pose))
-    radius, height = found["part mirror"]
+    blocks = blocks_of(replace(SPHERE, mirror_pose=pose))
+    radius, height = blocks["part mirror"]
     assert len(radius) == SPACE_PROFILE_NODES
     np.testing.assert_allclose(height, SPHERE.mirror.sag(radius))
-    frame = found["frame mirror"].T  # axes and origin, as columns
-    there = np.array([radius[-1], 0.0, height[-1]]) @ frame[:, :3].T + frame[:, 3]
+    frame = blocks["frame mirror"].T  # axes and origin, as columns
+    rim_point = np.array([radius[-1], 0.0, height[-1]]) @ frame[:, :3].T + frame[:, 3]
     np.testing.assert_allclose(
-        there, SPHERE.mount.rotation() @ pose.to_camera([radius[-1], 0.0, height[-1]]), atol=1e-9
+        rim_point,
+        SPHERE.mount.rotation() @ pose.to_camera([radius[-1], 0.0, height[-1]]),
+        atol=1e-9,
     )
-    np.testing.assert_allclose(found["part lens"][1], -SPHERE.mirror_distance_mm)
-    assert found["rays"].shape[1] == 7 * TURNS
-    bored = blocks_of(SENSORS["bored"])["part mirror"]
-    assert bored[0].min() >= SENSORS["bored"].secondary.bore_radius_mm
+    np.testing.assert_allclose(blocks["part lens"][1], -SPHERE.mirror_distance_mm)
+    assert blocks["rays"].shape[1] == 7 * TURNS
+    bored_mirror = blocks_of(SENSORS["bored"])["part mirror"]
+    assert bored_mirror[0].min() >= SENSORS["bored"].secondary.bore_radius_mm
     dome = SENSORS["dome"].obstructions.housing.shell
     r, z = blocks_of(SENSORS["dome"])["part dome"]
-    away = np.hypot(r, z - dome.centre_mm)
+    distance_mm = np.hypot(r, z - dome.centre_mm)
     inner, outer = dome.radii_mm
     np.testing.assert_allclose(
-        away[np.isfinite(away)], np.repeat([inner, outer], np.isfinite(away).sum() // 2)
+        distance_mm[np.isfinite(distance_mm)],
+        np.repeat([inner, outer], np.isfinite(distance_mm).sum() // 2),
     )
 
 
-@pytest.mark.parametrize("wanted", [False, True])
-def test_3d_view_is_returned_on_request(wanted):
-    plain = {
+@pytest.mark.parametrize("is_requested", [False, True])
+def test_3d_view_is_returned_on_request(is_requested):
+    defaults = {
         "slot": 0,
         "number": 1,
         "follows_mapping": False,
@@ -142,16 +154,20 @@ def test_3d_view_is_returned_on_request(wanted):
         "requirements": None,
     }
     tables = om.optics.sensor_files.tables_of(SENSORS["decentred"])
-    ask = DesignRequest(
-        **plain, include_section=False, include_squares=False, include_3d=wanted, tables=tables
+    request = DesignRequest(
+        **defaults,
+        include_section=False,
+        include_squares=False,
+        include_3d=is_requested,
+        tables=tables,
     )
-    told, values = unframed(answer(ask), DesignResponse)
-    names = [block.name for block in told.blocks]
-    assert ("rays" in names) == ("room" in names) == ("part mirror" in names) == wanted
-    assert len(values) == 4 * sum(block.rows * len(block.columns) for block in told.blocks)
+    response, values = unframed(answer(request), DesignResponse)
+    names = [block.name for block in response.blocks]
+    assert ("rays" in names) == ("room" in names) == ("part mirror" in names) == is_requested
+    assert len(values) == 4 * sum(block.rows * len(block.columns) for block in response.blocks)
 
 
 def test_oversized_sensor_has_rays():
-    big = replace(SPHERE, mirror=Sphere(5996.0, 5269.0), mirror_distance_mm=21_651.0)
-    rays = rays_of(big)
-    assert np.isfinite(places(rays, "end")).all()
+    oversized = replace(SPHERE, mirror=Sphere(5996.0, 5269.0), mirror_distance_mm=21_651.0)
+    rays = rays_of(oversized)
+    assert np.isfinite(node_points(rays, "end")).all()

@@ -20,17 +20,17 @@ from omnimirror.manufacturing.tolerancing.perturbation import error_sources, per
 from omnimirror.optics.housing import Dome, Housing
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 
-from .browser import PATIENCE_MS
-from .test_bench_page import AXE, WITHOUT_PICTURES, bench  # noqa: F401 - a fixture
+from .browser import TIMEOUT_MS
+from .test_bench_page import AXE, WITHOUT_IMAGES, bench  # noqa: F401 - a fixture
 
 LOCAL = "http://127.0.0.1"
 SPH = om.load_sensor("paper-spherical")
 VALUES = {"mirror.decentre_x_mm": 0.1, "mirror.tilt_y_deg": 0.2, "lens.k1": 0.01}
-AT_REST = """() => {
+IS_IDLE = """() => {
   const t = window.omnimirror.tabs.design.tolerances;
   return t.all && t.last && t.errors.isAtRest && t.built.isAtRest && t.yields.isAtRest;
 }"""
-LAST = "window.omnimirror.tabs.design.tolerances.last"
+LAST_RESULT = "window.omnimirror.tabs.design.tolerances.last"
 
 
 @pytest.fixture(scope="module")
@@ -39,42 +39,42 @@ def client():
         yield client
 
 
-def asked(path, client, **body):
+def post(path, client, **body):
     return client.post(f"/api/bench/{path}", json={"tables": tables_of(SPH), **body})
 
 
 def test_errors_match_sensor_except_finest_form(client):
-    found = asked("errors", client).json()
-    names = [error["name"] for error in found["errors"]]
+    response = post("errors", client).json()
+    names = [error["name"] for error in response["errors"]]
     assert names == [
         n
         for n in error_sources(SPH)
         if not n.startswith("mirror.zernike") or int(n.split("_")[1]) <= 11
     ]
-    assert found["calibrations"] == list(CALIBRATIONS)
+    assert response["calibrations"] == list(CALIBRATIONS)
     first = error_sources(SPH)[names[0]]
-    assert found["errors"][0]["medium"] == first.typical_tolerances["medium"]
+    assert response["errors"][0]["medium"] == first.typical_tolerances["medium"]
 
 
 def test_as_built_sensor_matches_trial(client):
-    answer = asked("built", client, values=VALUES, refocus="none")
+    answer = post("built", client, values=VALUES, refocus="none")
     header, data = unframed(answer.content, AsBuiltResult)
     evaluator = TrialEvaluator.of(SPH)
-    merits, moved = evaluator.evaluate_with_motions(
+    merits, motions = evaluator.evaluate_with_motions(
         {name: np.array([value]) for name, value in VALUES.items()}
     )
-    for name, of in (
+    for name, values in (
         ("motion_px", header.motion_px),
         ("direction_error_deg", header.direction_error_deg),
     ):
-        for depth, value in zip(CALIBRATIONS, of, strict=True):
+        for depth, value in zip(CALIBRATIONS, values, strict=True):
             assert value == pytest.approx(
                 merits[0, evaluator.names.index(after(name, depth))], abs=1e-9
             )
     assert header.straightness_deg[0] > header.straightness_deg[3]
     columns = np.frombuffer(data, "<f4").reshape(1 + len(CALIBRATIONS), 2, header.objects)
     np.testing.assert_allclose(columns[0].T, evaluator.reference_px, atol=1e-3)
-    np.testing.assert_allclose(columns[1].ravel(), moved[0], atol=1e-4)
+    np.testing.assert_allclose(columns[1].ravel(), motions[0], atol=1e-4)
     assert header.tables == tables_of(perturbed(SPH, VALUES))
 
 
@@ -85,16 +85,19 @@ def test_yield_matches_tolerance_analysis(client):
         "refocus": "none",
         "seed": 3,
     }
-    found = asked("yield", client, merit="motion_px", limit=2.0, trials=1000, **body).json()
+    response = post("yield", client, merit="motion_px", limit=2.0, trials=1000, **body).json()
     tolerances = om.Tolerances(SPH, {name: om.Tolerance(size) for name, size in errors.items()})
     expected = om.tolerance(SPH, tolerances, limits={"motion_px": 2.0}, trials=1000, seed=3)
-    of = expected.statistics.yields
-    assert (found["fraction"], found["low"], found["high"]) == pytest.approx(
-        (of.value, of.low, of.high)
+    yields = expected.statistics.yields
+    assert (response["fraction"], response["low"], response["high"]) == pytest.approx(
+        (yields.value, yields.low, yields.high)
     )
     max_tolerance = {row.name: row.merits for row in expected.sensitivities}
-    assert [row["name"] for row in found["rows"]] == ["mirror.decentre_x_mm", "mirror.tilt_x_deg"]
-    for row in found["rows"]:
+    assert [row["name"] for row in response["rows"]] == [
+        "mirror.decentre_x_mm",
+        "mirror.tilt_x_deg",
+    ]
+    for row in response["rows"]:
         format_limit = [
             max_tolerance[row["name"]][after("motion_px", depth)] for depth in CALIBRATIONS
         ]
@@ -113,7 +116,7 @@ def test_sensors_with_sequential_tracing(client):
 
 
 @pytest.mark.parametrize(
-    ("path", "body", "words"),
+    ("path", "body", "message"),
     [
         (
             "built",
@@ -126,43 +129,43 @@ def test_sensors_with_sequential_tracing(client):
         ("errors", {"tables": {}}, "mirror"),
     ],
 )
-def test_invalid_tolerance_requests_are_rejected(client, path, body, words):
-    plain = {
+def test_invalid_tolerance_requests_are_rejected(client, path, body, message):
+    defaults = {
         "errors": [{"name": "lens.k1", "tolerance": 0.1}],
         "refocus": "none",
         "merit": "motion_px",
         "limit": 1.0,
     }
-    plain |= {"trials": 10, "seed": 0}
-    answer = asked(path, client, **(plain if path == "yield" else {}) | body)
+    defaults |= {"trials": 10, "seed": 0}
+    answer = post(path, client, **(defaults if path == "yield" else {}) | body)
     assert 400 <= answer.status_code < 500
-    assert words in answer.json()["detail"]
+    assert message in answer.json()["detail"]
 
 
-def opened(page):
+def open_errors(page):
     page.get_by_role("button", name="Set errors").click()
-    page.wait_for_function(AT_REST)
+    page.wait_for_function(IS_IDLE)
 
 
 def test_error_slider_displaces_image_and_calibration_compensates(bench):  # noqa: F811 - a fixture
-    opened(bench)
-    assert bench.evaluate(f"{LAST}.motion_px")[0] < 1e-6
+    open_errors(bench)
+    assert bench.evaluate(f"{LAST_RESULT}.motion_px")[0] < 1e-6
     slider = bench.get_by_role("slider", name="Mirror decentre x")
     slider.fill("2")  # tolerances, set by the slider
-    bench.wait_for_function(f"{LAST}.motion_px[0] > 1")
-    bench.wait_for_function(AT_REST)
+    bench.wait_for_function(f"{LAST_RESULT}.motion_px[0] > 1")
+    bench.wait_for_function(IS_IDLE)
     assert bench.get_by_label("Mirror decentre x", exact=True).input_value() == "0.1"
-    moved, _, _, left, _ = bench.evaluate(f"{LAST}.motion_px")
+    motion_px, _, _, residual_px, _ = bench.evaluate(f"{LAST_RESULT}.motion_px")
     evaluator = TrialEvaluator.of(SPH)
     expected = evaluator.evaluate({"mirror.decentre_x_mm": np.array([0.1])})[0]
-    assert moved == pytest.approx(expected[evaluator.names.index("motion_px")], rel=1e-6)
-    assert left < 1e-3
-    drawn = parse_sensor_tables(bench.evaluate(f"{LAST}.tables"))
-    assert drawn.mirror_pose.decentre_x_mm == pytest.approx(0.1)
+    assert motion_px == pytest.approx(expected[evaluator.names.index("motion_px")], rel=1e-6)
+    assert residual_px < 1e-3
+    displayed = parse_sensor_tables(bench.evaluate(f"{LAST_RESULT}.tables"))
+    assert displayed.mirror_pose.decentre_x_mm == pytest.approx(0.1)
     lines = bench.locator("svg.moved").first.locator("line")
     assert lines.count() == len(evaluator.field)
     bench.get_by_role("button", name="Reset errors").click()
-    bench.wait_for_function(f"{LAST}.motion_px[0] < 1e-6")
+    bench.wait_for_function(f"{LAST_RESULT}.motion_px[0] < 1e-6")
 
 
 def parse_sensor_tables(tables):
@@ -172,38 +175,38 @@ def parse_sensor_tables(tables):
 
 
 def test_tolerances_display_yield_and_tornado_chart(bench):  # noqa: F811
-    opened(bench)
+    open_errors(bench)
     verdict = bench.locator(".tolerance-body .verdict")
     before = verdict.text_content()
     assert "4096 simulated sensors" in before
     assert bench.locator("svg.tornado rect").count() == 3 * 14
     assert "Imager shift" in bench.locator("svg.tornado").get_attribute("aria-label")
     bench.get_by_label("Tolerance grade").select_option("coarse")
-    bench.wait_for_function(AT_REST)
+    bench.wait_for_function(IS_IDLE)
     assert float(verdict.text_content().split()[0]) < float(before.split()[0])
     bench.get_by_label("Calibration", exact=True).select_option("none")
-    bench.wait_for_function(AT_REST)
+    bench.wait_for_function(IS_IDLE)
     assert verdict.text_content().startswith("0.0 %")
 
 
 @pytest.mark.full
 def test_errors_follow_design_and_end_with_panel(bench):  # noqa: F811
-    opened(bench)
+    open_errors(bench)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 1
     bench.get_by_label("Start from a bundled sensor").select_option("paper-equidistant")
     bench.wait_for_function(
         "window.omnimirror.tabs.design.tolerances.tables.mirror.kind === 'even-polynomial'"
     )
-    bench.wait_for_function(AT_REST)
+    bench.wait_for_function(IS_IDLE)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 0
     assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
     bench.get_by_role("button", name="Close errors").click()
     assert bench.locator("figure.tolerances").is_hidden()
 
 
-def tried(page):
+def panel_values(page):
     """Return the content of the panel: options, numbers and verdict."""
-    page.wait_for_function(AT_REST)
+    page.wait_for_function(IS_IDLE)
     return page.evaluate("""() => {
       const body = document.querySelector(".tolerance-body");
       const values = [...body.querySelectorAll("select, input")].map((e) => e.value);
@@ -213,8 +216,8 @@ def tried(page):
 
 @pytest.mark.full
 def test_link_contains_displayed_errors(bench, browser):  # noqa: F811
-    opened(bench)
-    at_first = tried(bench)
+    open_errors(bench)
+    initial = panel_values(bench)
     for title, choice in (("Tolerance grade", "fine"), ("Calibration", "affine"), ("Focus", "rms")):
         bench.get_by_label(title, exact=True).select_option(choice)
     bench.get_by_role("spinbutton", name="Maximum").fill("0.75")
@@ -222,22 +225,22 @@ def test_link_contains_displayed_errors(bench, browser):  # noqa: F811
     tolerance = bench.get_by_label(re.compile("Tolerance of Mirror tilt x"))
     tolerance.fill("0.3")
     tolerance.press("Tab")
-    shown = tried(bench)
-    assert shown != at_first
+    changed = panel_values(bench)
+    assert changed != initial
     bench.wait_for_function("location.hash.includes('0.123')")
     link = bench.url
     with closing(
         browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True)
     ) as context:
         page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
-        page.add_init_script(WITHOUT_PICTURES)
+        page.set_default_timeout(TIMEOUT_MS)
+        page.add_init_script(WITHOUT_IMAGES)
         page.goto(link)
         page.wait_for_function("window.omnimirror?.tabs?.bench")
-        assert tried(page) == shown
+        assert panel_values(page) == changed
         page.reload()
         page.wait_for_function("window.omnimirror?.tabs?.bench")
-        assert tried(page) == shown
+        assert panel_values(page) == changed
         page.evaluate(
             "location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')"
         )
@@ -255,12 +258,12 @@ def test_accessibility_of_tolerances(scheme, bench):  # noqa: F811
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")
     bench.emulate_media(color_scheme=scheme)
-    opened(bench)
+    open_errors(bench)
     bench.add_script_tag(path=AXE)
-    found = bench.evaluate(
+    violations = bench.evaluate(
         "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
     )
     serious = {
-        v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")
+        v["id"]: v["nodes"][0]["html"] for v in violations if v["impact"] in ("serious", "critical")
     }
     assert serious == {}

@@ -16,42 +16,51 @@ from omnimirror.base.errors import OmnimirrorError
 from omnimirror.design.requirement_check import check_requirements
 from omnimirror.optics.sensor_files import bundled_sensors, tables_of
 
-from .test_bench_page import NOW, bench, enter, plotted, sensor_on, settled  # noqa: F401 - bench is a fixture
+from .test_bench_page import (
+    CURRENT_DESIGN,
+    bench,  # noqa: F401 - a fixture
+    enter_value,
+    plot_values,
+    sensor_on,
+    wait_for_response,
+)
 
-STRAIGHT = [name for name in bundled_sensors() if why_not_optimised(om.load_sensor(name)) is None]
-ASKED = {
+OPTIMISABLE = [
+    name for name in bundled_sensors() if why_not_optimised(om.load_sensor(name)) is None
+]
+REQUIREMENTS = {
     "field": {"omega_max_deg": 130.0},
     "limit": [{"quantity": "total_blur_px", "at_most": 8.5}],
 }
 
 
-@pytest.mark.parametrize("name", STRAIGHT)
+@pytest.mark.parametrize("name", OPTIMISABLE)
 def test_dragged_profile_passes_through_point(name):
     sensor = om.load_sensor(name)
     rim = sensor.mirror.rim_radius_mm
-    for share in (0.3, 0.75, 1.0):
-        x = share * rim
-        wanted = float(sensor.mirror.sag(x)) - 0.002 * rim
-        mirror = edited_sensor(sensor, CurveEdit(of="profile", at=x, to=wanted)).mirror
-        assert float(mirror.sag(x)) == pytest.approx(wanted, abs=1e-9)
-        moved = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
-        assert abs(moved[0]) < 1e-12
+    for fraction in (0.3, 0.75, 1.0):
+        x = fraction * rim
+        target_mm = float(sensor.mirror.sag(x)) - 0.002 * rim
+        mirror = edited_sensor(sensor, CurveEdit(of="profile", at=x, to=target_mm)).mirror
+        assert float(mirror.sag(x)) == pytest.approx(target_mm, abs=1e-9)
+        shift = mirror.sag(np.linspace(0, rim, 50)) - sensor.mirror.sag(np.linspace(0, rim, 50))
+        assert abs(shift[0]) < 1e-12
         assert np.all(
-            np.diff(moved) < 2e-5 * rim
+            np.diff(shift) < 2e-5 * rim
         )  # as a rod: all points move in the same direction
 
 
-@pytest.mark.parametrize("name", STRAIGHT)
+@pytest.mark.parametrize("name", OPTIMISABLE)
 def test_dragged_mapping_passes_through_point(name):
     sensor = om.load_sensor(name)
     low, high = sensor.field_deg
-    for share in (0.2, 0.5, 0.8):
-        omega = low + share * (high - low)
-        wanted = float(om.evaluate(sensor, [omega]).h_px[0]) * 1.02
-        moved = edited_sensor(sensor, CurveEdit(of="mapping", at=omega, to=wanted))
-        assert om.evaluate(moved, [omega]).h_px[0] == pytest.approx(wanted, abs=0.02)
-        assert moved.rim_radius_px == pytest.approx(sensor.rim_radius_px, abs=1e-4)
-        np.testing.assert_allclose(moved.field_deg, sensor.field_deg, atol=1e-4)
+    for fraction in (0.2, 0.5, 0.8):
+        omega = low + fraction * (high - low)
+        target_px = float(om.evaluate(sensor, [omega]).h_px[0]) * 1.02
+        edited = edited_sensor(sensor, CurveEdit(of="mapping", at=omega, to=target_px))
+        assert om.evaluate(edited, [omega]).h_px[0] == pytest.approx(target_px, abs=0.02)
+        assert edited.rim_radius_px == pytest.approx(sensor.rim_radius_px, abs=1e-4)
+        np.testing.assert_allclose(edited.field_deg, sensor.field_deg, atol=1e-4)
 
 
 def test_infeasible_deformations_are_rejected():
@@ -68,15 +77,15 @@ def test_slider_range_agrees_with_verdicts():
     sphere = om.load_sensor("paper-spherical")
     values = tuple(np.linspace(2.0, 9.0, 9))
     slide = SliderValues(path=("lens", "f_number"), values=values)
-    asked = SliderRequest(
-        tables=tables_of(sphere), follows_mapping=False, requirements=ASKED, sliders=(slide,)
+    request = SliderRequest(
+        tables=tables_of(sphere), follows_mapping=False, requirements=REQUIREMENTS, sliders=(slide,)
     )
-    ((*missed,),) = slider_violations(asked).violations
-    assert max(missed[0]) > 0 > max(missed[-1])
-    for value, shares in zip(values, missed, strict=True):
+    ((*violations,),) = slider_violations(request).violations
+    assert max(violations[0]) > 0 > max(violations[-1])
+    for value, shares in zip(values, violations, strict=True):
         tables = tables_of(sphere) | {"lens": tables_of(sphere)["lens"] | {"f_number": value}}
         sensor = sensor_on_bench(tables)
-        verdict = check_requirements(requirements_for(ASKED, sensor), sensor, angles=61)
+        verdict = check_requirements(requirements_for(REQUIREMENTS, sensor), sensor, angles=61)
         assert (max(shares) <= 0) == verdict.is_met
 
 
@@ -89,27 +98,27 @@ def drag(page, handle, right: float, down: float) -> tuple[float, float]:
     page.mouse.down()
     for share in np.linspace(0.2, 1.0, 5):
         page.mouse.move(x + share * right, y + share * down)
-    settled(page)
-    there = handle.bounding_box()
+    wait_for_response(page)
+    end_box = handle.bounding_box()
     page.mouse.up()
     page.wait_for_function("!window.omnimirror.tabs.design.curveEditing.isActive")
-    settled(page)
-    return there["x"] - box["x"] - right, there["y"] - box["y"] - down
+    wait_for_response(page)
+    return end_box["x"] - box["x"] - right, end_box["y"] - box["y"] - down
 
 
 def test_dragging_profile_updates_plots(bench):  # noqa: F811
     before = sensor_on(bench)
-    off = drag(bench, bench.locator(".handle.profile").first, 3, 0)
-    assert np.hypot(*off) < 1
+    offset = drag(bench, bench.locator(".handle.profile").first, 3, 0)
+    assert np.hypot(*offset) < 1
     after = sensor_on(bench)
     assert after.mirror.KIND == "slope-spline"
     assert after.mirror.sag(21.95) - before.mirror.sag(21.95) > 1  # mm; 3 px correspond to 2 mm
-    omega, height = plotted(bench, "Image height")
+    omega, height = plot_values(bench, "Image height")
     np.testing.assert_allclose(
         height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2
     )
     bench.get_by_role("button", name="Undo").click()
-    settled(bench)
+    wait_for_response(bench)
     assert sensor_on(bench).mirror == before.mirror  # one undo step restores everything
 
 
@@ -119,68 +128,70 @@ def test_dragging_mapping_changes_mirror(bench):  # noqa: F811
     assert np.hypot(*drag(bench, handle, 0, -8)) < 1
     sensor = sensor_on(bench)
     assert sensor.mirror.KIND == "tabulated-mapping"
-    omega, height = plotted(bench, "Image height")
+    omega, height = plot_values(bench, "Image height")
     np.testing.assert_allclose(
         height, om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega))).h_px, atol=1e-2
     )
     handle.focus()
-    at = float(handle.get_attribute("aria-valuenow"))
+    value = float(handle.get_attribute("aria-valuenow"))
     bench.keyboard.press("Shift+ArrowDown")
-    bench.wait_for_function(f"Number(document.activeElement.getAttribute('aria-valuenow')) < {at}")
+    bench.wait_for_function(
+        f"Number(document.activeElement.getAttribute('aria-valuenow')) < {value}"
+    )
 
 
 def test_limits_are_plotted_and_draggable(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
-    settled(bench)
+    wait_for_response(bench)
     line = bench.locator(".handle.limit-line")
     assert np.hypot(*drag(bench, line, 0, -15)) < 1
-    limit = bench.evaluate(f"{NOW}.requirements.limit[0]")
+    limit = bench.evaluate(f"{CURRENT_DESIGN}.requirements.limit[0]")
     assert limit["quantity"] == "total_blur_px"
     assert 5.5 < limit["at_most"] < 9
     assert bench.get_by_label("total_blur_px at most").input_value() == f"{limit['at_most']:g}"
-    omega, blur = plotted(bench, "Total blur")
+    omega, blur = plot_values(bench, "Total blur")
     sensor = sensor_on(bench)
     result = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega)))
-    worst = np.hypot(np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px)
-    np.testing.assert_allclose(blur, worst, rtol=1e-4)
+    max_blur = np.hypot(np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px)
+    np.testing.assert_allclose(blur, max_blur, rtol=1e-4)
 
 
 @pytest.mark.full
 def test_slider_displays_feasible_range(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
-    settled(bench)
-    enter(bench, "total_blur_px at most", "8.5")
+    wait_for_response(bench)
+    enter_value(bench, "total_blur_px at most", "8.5")
     bench.wait_for_function("document.querySelector('#design .marks .met')")
-    said = bench.get_by_label("F-number, slider", exact=True).get_attribute("title")
-    low, high = map(float, re.search(r"are met at ([\d.]*\d) to ([\d.]*\d)", said).groups())
+    title = bench.get_by_label("F-number, slider", exact=True).get_attribute("title")
+    low, high = map(float, re.search(r"are met at ([\d.]*\d) to ([\d.]*\d)", title).groups())
     for f_number, is_met in ((low - 0.2, False), (low + 0.2, True), (high - 0.2, True)):
-        enter(bench, "F-number", f"{f_number:g}")
+        enter_value(bench, "F-number", f"{f_number:g}")
         assert ("All" in bench.locator("#design .verdict").first.inner_text()) == is_met
 
 
 def test_search_enforces_limits_on_request():
-    wanted = {
+    requirements = {
         "field": {"omega_max_deg": 130.0},
         "limit": [{"quantity": "resolution_px_per_deg", "at_least": 3.0}],
     }
     sphere = tables_of(om.load_sensor("paper-spherical"))
-    reached = []
-    for keeps in (False, True):
-        news = []
+    values = []
+    for enforces in (False, True):
+        messages = []
         task = SearchTask(
             kind="optimise",
             tables=sphere,
-            requirements=wanted,
+            requirements=requirements,
             object_distance_mm=None,
             merit="worst_floored_area_deg2",
             shape="polynomial",
             terms=4,
             starts=1,
-            keeps_limits=keeps,
+            keeps_limits=enforces,
         )
-        perform(task, news.append)
-        found = sensor_on_bench(news[-1].sensor.tables)
-        result = om.evaluate(found, np.linspace(0.0, found.field_deg[1], 361))
-        reached.append(np.minimum(result.dh_domega_px_per_deg, result.width_px_per_deg).min())
-    assert reached[0] < 2.9
-    assert reached[1] > 3.0 - 1e-5
+        perform(task, messages.append)
+        sensor = sensor_on_bench(messages[-1].sensor.tables)
+        result = om.evaluate(sensor, np.linspace(0.0, sensor.field_deg[1], 361))
+        values.append(np.minimum(result.dh_domega_px_per_deg, result.width_px_per_deg).min())
+    assert values[0] < 2.9
+    assert values[1] > 3.0 - 1e-5

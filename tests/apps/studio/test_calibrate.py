@@ -34,12 +34,12 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.targets.board_detection import compared
 from omnimirror.optics.sensor_files import parse_camera
 
-from .boards import ASKED, BLANK, BOARD, CAMERA, WHOLE, photograph, png
+from .boards import BLANK, BOARD, BOARD_REQUEST, CAMERA, COMPLETE_COUNT, photograph, png
 
 LOCAL = "http://127.0.0.1"
-ASK = {
-    "board": ASKED,
-    "images": WHOLE,
+CALIBRATION_REQUEST = {
+    "board": BOARD_REQUEST,
+    "images": COMPLETE_COUNT,
     "model": "unified",
     "optics": "mirror",
     "camera_looks": "up",
@@ -58,29 +58,31 @@ def client():
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[BoardDetection]:
+def board_detections() -> list[BoardDetection]:
     return [
         detection_message(om.find_board(photograph(i).image, BOARD, name=f"{i}.png"))
-        for i in range(WHOLE)
+        for i in range(COMPLETE_COUNT)
     ]
 
 
 @pytest.fixture(scope="module")
-def news(client, seen) -> list[dict]:
+def messages(client, board_detections) -> list[dict]:
     """Return all messages of a calibration."""
     with client.websocket_connect("ws://127.0.0.1/api/calibrate/work") as socket:
-        socket.send_text(json.dumps(ASK))
-        for picture in seen:
-            socket.send_text(picture.model_dump_json())
-        told = [json.loads(socket.receive_text())]
-        while told[-1]["state"] not in ("reported", "failed"):
-            told.append(json.loads(socket.receive_text()))
-    return told
+        socket.send_text(json.dumps(CALIBRATION_REQUEST))
+        for detection in board_detections:
+            socket.send_text(detection.model_dump_json())
+        replies = [json.loads(socket.receive_text())]
+        while replies[-1]["state"] not in ("reported", "failed"):
+            replies.append(json.loads(socket.receive_text()))
+    return replies
 
 
-def look(client, data: bytes, **more):
+def detect_board(client, data: bytes, **parameters):
     return client.post(
-        "/api/calibrate/look", params={**ASKED, "name": "here.png", **more}, content=data
+        "/api/calibrate/look",
+        params={**BOARD_REQUEST, "name": "here.png", **parameters},
+        content=data,
     )
 
 
@@ -102,27 +104,30 @@ def test_board_detection_process_imports_few_modules():
 
 
 def test_board_detection_in_uploaded_image(client):
-    found = look(client, png(0)).json()
+    response = detect_board(client, png(0)).json()
     expected = om.find_board(photograph(0).image, BOARD)
-    np.testing.assert_array_equal(found["ids"], expected.ids)
-    np.testing.assert_allclose(found["corners_px"], expected.corners_px, atol=1e-4)
-    off = np.linalg.norm(found["corners_px"] - photograph(0).corners_px[:, None], axis=2).min(
-        axis=0
-    )
-    assert len(off) == BOARD.corner_count
-    assert off.max() < 0.3
-    quick = look(client, png(0), fast=True).json()
-    np.testing.assert_allclose(quick["corners_px"], found["corners_px"])
+    np.testing.assert_array_equal(response["ids"], expected.ids)
+    np.testing.assert_allclose(response["corners_px"], expected.corners_px, atol=1e-4)
+    error_px = np.linalg.norm(
+        response["corners_px"] - photograph(0).corners_px[:, None], axis=2
+    ).min(axis=0)
+    assert len(error_px) == BOARD.corner_count
+    assert error_px.max() < 0.3
+    quick = detect_board(client, png(0), fast=True).json()
+    np.testing.assert_allclose(quick["corners_px"], response["corners_px"])
 
 
 @pytest.mark.full
 def test_partial_board_returns_visible_corners(client):
-    found = look(client, png(WHOLE)).json()
-    off = np.nanmin(
-        np.linalg.norm(found["corners_px"] - photograph(WHOLE).corners_px[:, None], axis=2), axis=0
+    response = detect_board(client, png(COMPLETE_COUNT)).json()
+    error_px = np.nanmin(
+        np.linalg.norm(
+            response["corners_px"] - photograph(COMPLETE_COUNT).corners_px[:, None], axis=2
+        ),
+        axis=0,
     )
-    assert BOARD.corner_count / 2 < len(off) < BOARD.corner_count
-    assert off.max() < 0.5
+    assert BOARD.corner_count / 2 < len(error_px) < BOARD.corner_count
+    assert error_px.max() < 0.5
 
 
 @pytest.mark.parametrize("kind", ["GIF", "PPM"])
@@ -130,11 +135,13 @@ def test_image_formats_of_calibration_datasets(kind, client):
     """OCamCalib sets contain GIFs; machine-vision programs write PGM."""
     file = io.BytesIO()
     Image.open(io.BytesIO(png(0))).convert("L").save(file, kind)
-    assert look(client, file.getvalue(), fast=True).json()["ids"] == list(range(BOARD.corner_count))
+    assert detect_board(client, file.getvalue(), fast=True).json()["ids"] == list(
+        range(BOARD.corner_count)
+    )
 
 
 @pytest.mark.parametrize(
-    ("data", "more", "sentence"),
+    ("data", "parameters", "message"),
     [
         (
             b"no picture",
@@ -146,69 +153,72 @@ def test_image_formats_of_calibration_datasets(kind, client):
         (BLANK, {"marker_mm": 3}, "marker_mm requires kind = 'charuco'; got 'chessboard'"),
     ],
 )
-def test_invalid_detection_requests_are_rejected(data, more, sentence, client):
-    answer = look(client, data, **more)
-    assert (answer.status_code, answer.json()["detail"]) == (400, sentence)
+def test_invalid_detection_requests_are_rejected(data, parameters, message, client):
+    answer = detect_board(client, data, **parameters)
+    assert (answer.status_code, answer.json()["detail"]) == (400, message)
 
 
 def test_image_without_board_returns_reason(client):
-    assert look(client, BLANK).json()["reason"] == "the image is blank"
-    other = look(client, png(0), columns=6).json()["reason"]
-    assert other == "a board of 7 x 5 corners was detected instead of 6 x 5 corners"
+    assert detect_board(client, BLANK).json()["reason"] == "the image is blank"
+    reason = detect_board(client, png(0), columns=6).json()["reason"]
+    assert reason == "a board of 7 x 5 corners was detected instead of 6 x 5 corners"
 
 
 @pytest.mark.full
 def test_disconnect_cancels_detection():
-    class Gone:
+    class DisconnectedClient:
         async def receive(self):
             return {"type": "http.disconnect"}
 
-    class Stays:
+    class ConnectedClient:
         async def receive(self):
             await asyncio.Event().wait()
 
     async def both() -> BoardDetection:
-        board_detectors, ask = BoardDetectorPool(), BoardDetectionRequest(**ASKED, name="here.png")
+        board_detectors, request = (
+            BoardDetectorPool(),
+            BoardDetectionRequest(**BOARD_REQUEST, name="here.png"),
+        )
         try:
             with pytest.raises(InvalidParameter, match=r"detection in here\.png was interrupted"):
-                await board_detectors.look(ask, png(0), Gone())
+                await board_detectors.look(request, png(0), DisconnectedClient())
             assert board_detectors._idle == []  # its process has ended too
-            return await board_detectors.look(ask, BLANK, Stays())
+            return await board_detectors.look(request, BLANK, ConnectedClient())
         finally:
             board_detectors.close()
 
     with ThreadPoolExecutor(
         1
-    ) as apart:  # a separate thread: page tests leave a running event loop in theirs
-        assert apart.submit(asyncio.run, both()).result().reason == "the image is blank"
+    ) as executor:  # a separate thread: page tests leave a running event loop in theirs
+        assert executor.submit(asyncio.run, both()).result().reason == "the image is blank"
 
 
-def test_joint_analysis_of_images(seen):
+def test_joint_analysis_of_images(board_detections):
     small = detection_message(om.find_board(photograph(1).image[:400], BOARD, name="small.png"))
-    ask = MultiImageRequest(
-        board=BoardSpec(**ASKED),
-        detections=(*seen, small),
+    request = MultiImageRequest(
+        board=BoardSpec(**BOARD_REQUEST),
+        detections=(*board_detections, small),
         centre_px=CAMERA.centre_px,
         radius_px=200.0,
-        candidate=seen[2],
+        candidate=board_detections[2],
     )
-    answer = together(ask)
-    assert answer.reasons[:-1] == (None,) * len(seen)
+    answer = together(request)
+    assert answer.reasons[:-1] == (None,) * len(board_detections)
     assert (
         answer.reasons[-1]
         == "its size of 480 x 400 px differs from that of the others, 480 x 480 px"
     )
-    assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in seen)
+    assert sum(map(sum, answer.coverage.counts)) == sum(len(s.ids) for s in board_detections)
     assert answer.candidate_reason == "its view of the board is similar to 2.png"
     assert answer.advice[0].startswith("Capture more images: 6 are used")
-    few = together(ask.model_copy(update={"detections": tuple(seen[:2])}))
-    assert few.candidate_reason is None
-    empty = np.sum(np.array(few.coverage.counts) < few.coverage.min_corners)
+    short_answer = together(request.model_copy(update={"detections": tuple(board_detections[:2])}))
+    assert short_answer.candidate_reason is None
+    empty = np.sum(np.array(short_answer.coverage.counts) < short_answer.coverage.min_corners)
     assert empty > np.sum(np.array(answer.coverage.counts) < answer.coverage.min_corners)
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "changes",
     [
         {"ids": (0, 0)},
         {"ids": (0, 99)},
@@ -217,95 +227,97 @@ def test_joint_analysis_of_images(seen):
         {"sigma_px": (1.0,)},
     ],
 )
-def test_invalid_corners_are_rejected(wrong, client, seen):
-    short = seen[0].model_copy(
+def test_invalid_corners_are_rejected(changes, client, board_detections):
+    short = board_detections[0].model_copy(
         update={"ids": (0, 1), "corners_px": ((1.0, 1.0), (2.0, 2.0)), "sigma_px": (0.1, 0.1)}
     )
     assert len(taken(short, BOARD).ids) == 2
-    ask = {
-        "board": ASKED,
-        "detections": [short.model_copy(update=wrong).model_dump()],
+    body = {
+        "board": BOARD_REQUEST,
+        "detections": [short.model_copy(update=changes).model_dump()],
         "centre_px": None,
         "radius_px": None,
     }
-    answer = client.post("/api/calibrate/together", json=ask | {"candidate": None})
+    answer = client.post("/api/calibrate/together", json=body | {"candidate": None})
     assert answer.status_code == 400
     assert answer.json()["detail"].startswith("the detection in 0.png is invalid")
 
 
-def test_calibration_reports_progress_and_camera(news, seen):
-    assert [n["state"] for n in news[-2:]] == ["done", "reported"]
-    shares = [n["fraction"] for n in news[:-1]]
-    assert all(n["state"] == "running" and n["message"] for n in news[:-2])
+def test_calibration_reports_progress_and_camera(messages, board_detections):
+    assert [n["state"] for n in messages[-2:]] == ["done", "reported"]
+    shares = [n["fraction"] for n in messages[:-1]]
+    assert all(n["state"] == "running" and n["message"] for n in messages[:-2])
     assert shares == sorted(shares)
-    found = news[-2]["result"]
-    detections = compared([taken(s, BOARD) for s in seen], BOARD)  # as for jointly detected images
+    result = messages[-2]["result"]
+    detections = compared(
+        [taken(s, BOARD) for s in board_detections], BOARD
+    )  # as for jointly detected images
     direct = om.calibrate_camera(detections, BOARD, model="unified", board_shape=False)
-    assert found["rms_px"] == pytest.approx(direct.rms_px, rel=1e-6)
-    assert found["held_out_rms_px"] == pytest.approx(direct.held_out_rms_px, rel=1e-6)
-    assert found["rms_px"] < 0.15
-    camera = parse_camera(found["camera_file"])
+    assert result["rms_px"] == pytest.approx(direct.rms_px, rel=1e-6)
+    assert result["held_out_rms_px"] == pytest.approx(direct.held_out_rms_px, rel=1e-6)
+    assert result["rms_px"] < 0.15
+    camera = parse_camera(result["camera_file"])
     assert (
         np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5
     )  # px, relative to the truth
-    residuals = [r for p in found["images"] for r in p["residuals"]]
+    residuals = [r for p in result["images"] for r in p["residuals"]]
     assert np.sqrt(np.mean(np.sum(np.array(residuals)[:, 2:] ** 2, axis=1))) == pytest.approx(
-        found["rms_px"], rel=1e-3
+        result["rms_px"], rel=1e-3
     )
-    assert {p["name"] for p in found["parameters"]} >= {"xi"}
+    assert {p["name"] for p in result["parameters"]} >= {"xi"}
 
 
-def test_report_is_self_contained_and_escaped(news):
-    report = news[-1]["report"]
+def test_report_is_self_contained_and_escaped(messages):
+    report = messages[-1]["report"]
     assert report.lstrip().startswith("<!doctype html>")
     assert "omnimirror &lt;here&gt;" in report
 
 
 @pytest.mark.parametrize("number", [0, pytest.param(4, marks=pytest.mark.full)])
-def test_undistorted_board_is_regular(number, client, news):
+def test_undistorted_board_is_regular(number, client, messages):
     """Corners detected in the view form a lattice, unlike those in the image."""
-    found = news[-2]["result"]
-    place = next(p for p in found["poses"] if p["image"] == f"{number}.png")
+    result = messages[-2]["result"]
+    pose = next(p for p in result["poses"] if p["image"] == f"{number}.png")
     header = json.dumps(
-        {"camera_file": found["camera_file"], "pose": place, "name": "here.png"}
+        {"camera_file": result["camera_file"], "pose": pose, "name": "here.png"}
     ).encode()
     answer = client.post(
         "/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(number)
     )
     assert answer.headers["content-type"] == "image/jpeg"
     view = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_GRAYSCALE)
-    again = om.find_board(view, BOARD)
-    assert again.used, again.reason
-    scale = place["px_per_mm"]
-    lattice = scale * (BOARD.points_mm[again.ids, :2] + place["margin_mm"])
-    turned = scale * (
-        BOARD.points_mm[::-1][again.ids, :2] + place["margin_mm"]
+    detection = om.find_board(view, BOARD)
+    assert detection.used, detection.reason
+    scale = pose["px_per_mm"]
+    lattice = scale * (BOARD.points_mm[detection.ids, :2] + pose["margin_mm"])
+    rotated = scale * (
+        BOARD.points_mm[::-1][detection.ids, :2] + pose["margin_mm"]
     )  # either end is valid
-    off = min(np.abs(again.corners_px - where).max() for where in (lattice, turned))
-    assert off < 1.0
-    outcome = found["images"][number]
+    error_px = min(np.abs(detection.corners_px - points).max() for points in (lattice, rotated))
+    assert error_px < 1.0
+    outcome = result["images"][number]
     assert 0 < outcome["line_deviation_px"] < 0.5
 
 
 def test_invalid_framed_requests_are_rejected(client):
     short, empty = "the body must be the length of a JSON message", "camera_file must be given"
-    sentences = {
+    messages = {
         b"abc": short,
         struct.pack("<I", 2) + b"{}": empty,
         struct.pack("<I", 999) + b"{}": empty,
     }
-    for data, sentence in sentences.items():
+    for data, message in messages.items():
         answer = client.post("/api/calibrate/straight", content=data)
         assert answer.status_code == 422
-        assert answer.json()["detail"].startswith(sentence)
+        assert answer.json()["detail"].startswith(message)
 
 
-def test_board_without_extent_is_rejected(client, news):
-    found = news[-2]["result"]
+def test_board_without_extent_is_rejected(client, messages):
+    result = messages[-2]["result"]
     for high in ([-900.0, 10.0], [1e308, 1e308]):
-        place = found["poses"][0] | {"high_mm": high}
+        pose = result["poses"][0] | {"high_mm": high}
         header = json.dumps(
-            {"camera_file": found["camera_file"], "pose": place, "name": "here.png"}
+            {"camera_file": result["camera_file"], "pose": pose, "name": "here.png"}
         ).encode()
         answer = client.post(
             "/api/calibrate/straight", content=struct.pack("<I", len(header)) + header + png(0)
@@ -314,44 +326,53 @@ def test_board_without_extent_is_rejected(client, news):
         assert "0.png must be larger than 0" in answer.json()["detail"]
 
 
-def performed(ask: dict, seen: list[BoardDetection], steps: int = 10**6) -> list:
+def calibration_messages(
+    body: dict, board_detections: list[BoardDetection], steps: int = 10**6
+) -> list:
     """Return the messages of a calibration that is stopped after several steps."""
-    said = []
-    perform(CalibrationRequest(**ask), seen, said.append, lambda: len(said) > steps)
-    return said
+    replies = []
+    perform(
+        CalibrationRequest(**body), board_detections, replies.append, lambda: len(replies) > steps
+    )
+    return replies
 
 
-def test_stopped_calibration_keeps_result(seen):
-    *_, done, reported = performed(ASK, seen, 2)
-    assert (done.state, reported.state) == ("done", "reported")
-    assert not done.result.is_complete
-    assert "stopped early" in done.result.notes[0]
+def test_stopped_calibration_keeps_result(board_detections):
+    *_, result_message, report_message = calibration_messages(
+        CALIBRATION_REQUEST, board_detections, 2
+    )
+    assert (result_message.state, report_message.state) == ("done", "reported")
+    assert not result_message.result.is_complete
+    assert "stopped early" in result_message.result.notes[0]
     assert (
-        performed(ASK, seen, -1)[-1].message == "the calibration was stopped before the first fit"
+        calibration_messages(CALIBRATION_REQUEST, board_detections, -1)[-1].message
+        == "the calibration was stopped before the first fit"
     )
 
 
-def test_failed_calibration_reports_image_names(seen):
+def test_failed_calibration_reports_image_names(board_detections):
     blank = detection_message(
         om.find_board(np.full((480, 480), 90, np.uint8), BOARD, name="dark.png")
     )
-    *_, failed = performed(ASK, [*seen[:2], blank])
-    assert failed.state == "failed"
-    assert "in 2 of 3 images" in failed.message
-    assert "dark.png: the image is blank" in failed.message
+    *_, message = calibration_messages(CALIBRATION_REQUEST, [*board_detections[:2], blank])
+    assert message.state == "failed"
+    assert "in 2 of 3 images" in message.message
+    assert "dark.png: the image is blank" in message.message
 
 
 @pytest.mark.full
-def test_similar_video_frames_are_used_once(seen):
+def test_similar_video_frames_are_used_once(board_detections):
     frames = [
         s.model_copy(update={"name": f"{n} {s.name}", "time_s": n + i})
         for n in (0, 9)
-        for i, s in enumerate(seen)
+        for i, s in enumerate(board_detections)
     ]
-    *_, done, _ = performed(ASK | {"images": len(frames)}, frames)
-    used = [p for p in done.result.images if p.used]
-    assert len(used) == len(seen)
-    assert all("is similar to" in p.reason for p in done.result.images if not p.used)
+    *_, result_message, _ = calibration_messages(
+        CALIBRATION_REQUEST | {"images": len(frames)}, frames
+    )
+    used_images = [p for p in result_message.result.images if p.used]
+    assert len(used_images) == len(board_detections)
+    assert all("is similar to" in p.reason for p in result_message.result.images if not p.used)
 
 
 def test_invalid_calibration_request_closes_socket(client):

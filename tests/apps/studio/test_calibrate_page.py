@@ -15,12 +15,12 @@ from omnimirror.optics.sensor_files import parse_camera
 from tests.conftest import SHARED
 
 from .boards import BLANK, BOARD, CAMERA, photograph, png
-from .browser import COARSE, PATIENCE_MS
+from .browser import COARSE, TIMEOUT_MS
 from .test_page import AXE
 
 TAB = "window.omnimirror.tabs.calibrate"
 KAIDAN = SHARED / "kaidan_omni"
-CAMERA_OF_PICTURES = """
+CAMERA_OF_IMAGES = """
   const canvas = Object.assign(document.createElement("canvas"), { width: 480, height: 480 });
   window.show = async (base64) => {
     const blob = await (await fetch(`data:image/png;base64,${base64}`)).blob();
@@ -53,10 +53,10 @@ def page(browser, server):
         viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE
     )
     page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     problems = []
     page.on("pageerror", lambda e: problems.append(str(e)))
-    page.add_init_script(CAMERA_OF_PICTURES)
+    page.add_init_script(CAMERA_OF_IMAGES)
     page.goto(f"{server}#tab=calibrate")
     page.get_by_text("Drop images of a target here").wait_for()
     for name, value in (("Columns", 7), ("Rows", 5), ("Square, mm", 40)):
@@ -71,7 +71,7 @@ def button(page, name: str):
     return page.get_by_role("button", name=name, exact=True)
 
 
-def begin(page):
+def start_button(page):
     """Return the start button of a calibration; the tab has the same name."""
     return page.locator("#calibrate aside").get_by_role("button", name="Calibrate", exact=True)
 
@@ -89,7 +89,7 @@ def add(page, paths) -> None:
 
 def calibrate(page) -> dict:
     """Press the button, and wait for the report."""
-    begin(page).click()
+    start_button(page).click()
     page.wait_for_function(f"{TAB}.report !== null")
     return page.evaluate(f"{TAB}.result")
 
@@ -104,20 +104,20 @@ def test_calibration_workflow_with_reload(page, files):
     add(page, files[:3])
     corners = page.locator("#calibrate .shots path.corners")
     assert corners.count() == 3
-    drawn = page.evaluate(f"{TAB}.images.all[1].detection.corners_px")
+    corners_px = page.evaluate(f"{TAB}.images.all[1].detection.corners_px")
     expected = om.find_board(photograph(1).image, BOARD).corners_px
-    np.testing.assert_allclose(drawn, expected, atol=1e-3)
+    np.testing.assert_allclose(corners_px, expected, atol=1e-3)
     assert corners.nth(1).get_attribute("d").count("M") == 2 * len(expected)  # one cross each
-    found = calibrate(page)
+    result = calibrate(page)
     headline = page.locator("#calibrate .headline").inner_text()
-    assert f"{found['rms_px']:.3g}" in headline
-    assert found["rms_px"] < 0.15
+    assert f"{result['rms_px']:.3g}" in headline
+    assert result["rms_px"] < 0.15
     camera = parse_camera(downloaded(page, "Camera file"))
     assert np.linalg.norm(np.subtract(camera.centre_px, CAMERA.centre_px)) < 0.5
     assert "Calibration: unified" in downloaded(page, "Report")
     page.reload()
     page.locator("#calibrate .headline").wait_for()
-    assert page.evaluate(f"{TAB}.result") == found
+    assert page.evaluate(f"{TAB}.result") == result
     page.locator("#calibrate .shots button").nth(2).click()
     page.get_by_text("maximum deviation of corners").wait_for()
     assert (
@@ -140,10 +140,10 @@ def test_calibration_workflow_with_reload(page, files):
 @pytest.mark.full
 def test_reload_restores_result_and_changes_discard_it(page, files):
     add(page, files[:3])
-    found = calibrate(page)
+    result = calibrate(page)
     page.reload()
     page.locator("#calibrate .headline").wait_for()
-    assert page.evaluate(f"{TAB}.result") == found
+    assert page.evaluate(f"{TAB}.result") == result
     assert page.get_by_label("Columns", exact=True).input_value() == "7"
     assert [s["name"] for s in page.evaluate(f"{TAB}.images.all")] == [p.name for p in files[:3]]
     page.locator("#calibrate .shots button").first.click()
@@ -155,16 +155,18 @@ def test_reload_restores_result_and_changes_discard_it(page, files):
     page.get_by_text("Drop images of a target here").wait_for()
 
 
-SLOW = """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # never completes
+BLOCK_DATABASE = (
+    """indexedDB.open = new Proxy(indexedDB.open, { apply: () => ({}) });"""  # never completes
+)
 
 
 @pytest.mark.full
 def test_reload_before_storage_keeps_change(page, files):
     add(page, files[:3])
-    kept = page.evaluate(f"{TAB}.images.all.map((s) => s.key)")
+    keys = page.evaluate(f"{TAB}.images.all.map((s) => s.key)")
     page.reload()
     page.wait_for_function(f"{TAB}?.images.result.length === 3")
-    page.evaluate(SLOW)
+    page.evaluate(BLOCK_DATABASE)
     page.get_by_label("Square, mm").fill("31")
     page.get_by_label("Square, mm").blur()
     page.wait_for_function(f"{TAB}.images.waiting === 0")
@@ -176,11 +178,11 @@ def test_reload_before_storage_keeps_change(page, files):
     page.get_by_text(
         f"The page was closed before {files[3].name} was stored; add it again."
     ).wait_for()
-    assert page.evaluate(f"{TAB}.images.all.map((s) => s.key)") == kept[1:]
+    assert page.evaluate(f"{TAB}.images.all.map((s) => s.key)") == keys[1:]
     assert page.get_by_label("Square, mm").input_value() == "31"
 
 
-CHANGED = """() => {
+FIELD_CHANGE_SHIFT = """() => {
   const picture = document.querySelector("#calibrate .shots button");
   const square = [...document.querySelectorAll("#calibrate label")].find((l) => l.innerText.includes("Square")).control;
   const before = picture.getBoundingClientRect();
@@ -197,14 +199,14 @@ def test_press_after_field_change_is_not_lost(page, files):
     add(page, files[:3])
     page.wait_for_function(f"{TAB}.together !== null")
     page.locator("#calibrate .state").wait_for()
-    assert page.evaluate(CHANGED) == [0, 0]
+    assert page.evaluate(FIELD_CHANGE_SHIFT) == [0, 0]
     page.wait_for_function(f"{TAB}.images.result.length === 3")
 
 
 @pytest.mark.full
 def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_path):
-    assert begin(page).is_disabled()
-    reason = page.locator(f"#{begin(page).get_attribute('aria-describedby')}")
+    assert start_button(page).is_disabled()
+    reason = page.locator(f"#{start_button(page).get_attribute('aria-describedby')}")
     assert "detected in no image; at least 3 are required" in reason.inner_text()
     (tmp_path / "dark.png").write_bytes(BLANK)
     (tmp_path / "notes.png").write_text("no picture")
@@ -230,21 +232,21 @@ def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_p
 @pytest.mark.full
 def test_cancel_keeps_previous_and_stop_keeps_current_result(page, files):
     add(page, files)
-    press = """(name) => new MutationObserver((_, observer) => {
+    click_button = """(name) => new MutationObserver((_, observer) => {
       const words = [...document.querySelectorAll("#calibrate aside .words")].map((e) => e.textContent);
       if (!words.some((text) => /^Fitting/.test(text))) return;
       observer.disconnect();
       [...document.querySelectorAll("#calibrate button")].find((b) => b.textContent === name).click();
     }).observe(document.querySelector("#calibrate aside"), { subtree: true, childList: true, characterData: true })"""
-    page.evaluate(press, "Cancel")
-    begin(page).click()
+    page.evaluate(click_button, "Cancel")
+    start_button(page).click()
     page.get_by_text("Cancelled.").wait_for()
     assert page.evaluate(f"{TAB}.result") is None
-    assert begin(page).is_enabled()
+    assert start_button(page).is_enabled()
     page.get_by_label("Model").select_option("auto")
-    page.evaluate(press, "Stop and keep the result")
-    found = calibrate(page)
-    assert not found["is_complete"]
+    page.evaluate(click_button, "Stop and keep the result")
+    result = calibrate(page)
+    assert not result["is_complete"]
     page.get_by_text("The calibration was stopped early").wait_for()
 
 
@@ -252,11 +254,11 @@ def test_cancel_keeps_previous_and_stop_keeps_current_result(page, files):
 def test_webcam_captures_new_positions_only(page):
     button(page, "Use the webcam").click()
     page.locator("#calibrate video").wait_for()
-    taken = f"{TAB}.images.result.length"
+    image_count = f"{TAB}.images.result.length"
     advice = page.locator("#calibrate .webcam .advice")
     for count, number in enumerate((0, 4), 1):
         page.evaluate("(picture) => window.show(picture)", base64.b64encode(png(number)).decode())
-        page.wait_for_function(f"{taken} === {count}")
+        page.wait_for_function(f"{image_count} === {count}")
         page.wait_for_function(
             "document.querySelector('#calibrate .live path.corners')?.getAttribute('d')"
         )
@@ -266,19 +268,19 @@ def test_webcam_captures_new_positions_only(page):
     page.wait_for_function(
         "document.querySelector('#calibrate .webcam .advice').textContent.includes('Hold')"
     )
-    assert page.evaluate(taken) == 2
-    wanted = page.locator("#calibrate .live path.wanted").get_attribute("d")
-    assert wanted.count("Z") > 8  # uncovered parts of the field
+    assert page.evaluate(image_count) == 2
+    target_path = page.locator("#calibrate .live path.wanted").get_attribute("d")
+    assert target_path.count("Z") > 8  # uncovered parts of the field
     button(page, "Capture image").click()
     page.wait_for_function(f"{TAB}.images.all.length === 3")
     assert advice.inner_text()
     button(page, "Close webcam").click()
     assert page.locator("#calibrate video").count() == 0
-    stored = [photograph(n).image for n in (0, 4)]
-    assert [om.find_board(p, BOARD).used for p in stored] == [True, True]
+    images = [photograph(n).image for n in (0, 4)]
+    assert [om.find_board(p, BOARD).used for p in images] == [True, True]
 
 
-DRAWN_LATE = """() => {
+DELAY_FRAMES = """() => {
   const draw = CanvasRenderingContext2D.prototype.drawImage;
   let late = 3;
   CanvasRenderingContext2D.prototype.drawImage = function (what, ...where) {
@@ -289,21 +291,21 @@ DRAWN_LATE = """() => {
 
 def test_video_frames_are_added(page, tmp_path):
     """Also if the browser cannot draw a frame immediately after a seek, as under load."""
-    page.evaluate(DRAWN_LATE)
+    page.evaluate(DELAY_FRAMES)
     path = tmp_path / "ride.webm"
-    with av.open(str(path), "w") as out:
-        stream = out.add_stream("libvpx", rate=4, options={"crf": "4", "b": "6M"})
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libvpx", rate=4, options={"crf": "4", "b": "6M"})
         stream.width, stream.height, stream.pix_fmt = 480, 480, "yuv420p"
         for number in (0, 4):
-            picture = cv2.cvtColor(photograph(number).image, cv2.COLOR_GRAY2RGB)
+            image = cv2.cvtColor(photograph(number).image, cv2.COLOR_GRAY2RGB)
             for _ in range(2):
-                out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        out.mux(stream.encode())
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
     page.set_input_files("#calibrate-files", path)
     page.wait_for_function(f"{TAB}.images.all.length >= 2 && {TAB}.images.waiting === 0")
-    shots = page.evaluate(f"{TAB}.images.all")
-    assert shots[0]["name"] == "ride.webm at 0.25 s"
-    assert [len(s["detection"]["ids"]) for s in shots] == [35] * len(shots)
+    images = page.evaluate(f"{TAB}.images.all")
+    assert images[0]["name"] == "ride.webm at 0.25 s"
+    assert [len(s["detection"]["ids"]) for s in images] == [35] * len(images)
     assert "ride.webm --board 7x5" in page.locator("#calibrate .command code").inner_text()
 
 
@@ -322,18 +324,20 @@ def test_outline_of_photograph_is_initial_value(page):
     assert 222.0 < radius < 225.0
 
 
-def serious(page) -> dict:
+def serious_violations(page) -> dict:
     """Return the findings of axe in both themes."""
-    found = {}
+    findings = {}
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        said = page.evaluate(
+        violations = page.evaluate(
             "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
         )
-        found |= {
-            v["id"]: v["nodes"][0]["html"] for v in said if v["impact"] in ("serious", "critical")
+        findings |= {
+            v["id"]: v["nodes"][0]["html"]
+            for v in violations
+            if v["impact"] in ("serious", "critical")
         }
-    return found
+    return findings
 
 
 @pytest.fixture
@@ -345,7 +349,7 @@ def axe(page) -> None:
 
 @pytest.mark.full
 def test_accessibility(page, axe):
-    assert serious(page) == {}
+    assert serious_violations(page) == {}
 
 
 @pytest.mark.full
@@ -354,7 +358,7 @@ def test_accessibility_of_result_and_no_horizontal_overflow(page, axe, files):
     calibrate(page)
     page.locator("#calibrate .shots button").nth(1).click()
     page.get_by_text("maximum deviation of corners").wait_for()
-    assert serious(page) == {}
+    assert serious_violations(page) == {}
     for width in (360, 900, 2560):
         page.set_viewport_size({"width": width, "height": 800})
         page.wait_for_function("(width) => innerWidth === width", arg=width)

@@ -20,10 +20,10 @@ import omnimirror as om
 from omnimirror.optics.sensor_files import tables_of
 from tests.serving import served
 
-from .pictures import video_of
+from .images import write_video
 
 
-def until_it_listens(port: int) -> None:
+def wait_for_port(port: int) -> None:
     while True:
         with socket.socket() as probe:
             if not probe.connect_ex(("127.0.0.1", port)):
@@ -41,17 +41,17 @@ def until_it_listens(port: int) -> None:
 def test_ctrl_c_ends_server_with_open_connections(before, tmp_path):
     from websockets.sync.client import connect
 
-    video = video_of(tmp_path / "ride.mp4", 100)
-    words = [sys.executable, "-m", "omnimirror", "view", video, "--no-open"]
+    video = write_video(tmp_path / "ride.mp4", 100)
+    arguments = [sys.executable, "-m", "omnimirror", "view", video, "--no-open"]
     with subprocess.Popen(
-        words,
+        arguments,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, before),
     ) as server:
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
-        until_it_listens(port)
+        wait_for_port(port)
         head = f"POST /api/convert HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 100000\r\n"
         with (
             connect(f"ws://127.0.0.1:{port}/api/stream?id=source") as stream,
@@ -64,15 +64,15 @@ def test_ctrl_c_ends_server_with_open_connections(before, tmp_path):
             assert upload.recv(100).startswith(b"HTTP/1.1 100")  # the server now waits for the rest
             upload.sendall(b"abc")
             server.send_signal(signal.SIGINT)
-            said = server.communicate()
+            output = server.communicate()
         assert server.returncode == 130
-        assert said == ("", "\nomnimirror: stopped\n")
+        assert output == ("", "\nomnimirror: stopped\n")
 
 
 def children_of(pid: int) -> list[int]:
     """Return processes started by any thread of a process."""
     lists = Path(f"/proc/{pid}/task").glob("*/children")
-    return [int(child) for found in lists for child in found.read_text().split()]
+    return [int(child) for file in lists for child in file.read_text().split()]
 
 
 def is_running(pid: int) -> bool:
@@ -94,9 +94,9 @@ def test_sigterm_ends_server_and_its_searches():
         "shape": "spline",
         "starts": 8,
     }
-    words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
+    arguments = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
     with subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as server:
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
         # the address is reachable once it is printed
@@ -105,9 +105,9 @@ def test_sigterm_ends_server_and_its_searches():
             while not (searches := children_of(server.pid)):
                 time.sleep(0.01)
             server.send_signal(signal.SIGTERM)
-            said = server.communicate()
+            output = server.communicate()
     assert server.returncode == 128 + signal.SIGTERM
-    assert said == ("", "omnimirror: stopped\n")
+    assert output == ("", "omnimirror: stopped\n")
     assert not any(map(is_running, searches))
 
 
@@ -124,7 +124,7 @@ def test_unresponsive_tasks_are_cancelled_and_sockets_closed():
             await send({"type": "http.response.body", "body": bytes(1 << 20), "more_body": True})
 
     gc.collect()
-    with warnings.catch_warnings(record=True) as caught, socket.socket() as client:
+    with warnings.catch_warnings(record=True) as records, socket.socket() as client:
         warnings.simplefilter("always", ResourceWarning)
         with served(endless) as address:
             host, port = address.removeprefix("http://").rstrip("/").split(":")
@@ -132,4 +132,4 @@ def test_unresponsive_tasks_are_cancelled_and_sockets_closed():
             client.sendall(f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
             assert client.recv(12) == b"HTTP/1.1 200"
         gc.collect()
-    assert [str(w.message) for w in caught if issubclass(w.category, ResourceWarning)] == []
+    assert [str(w.message) for w in records if issubclass(w.category, ResourceWarning)] == []

@@ -12,11 +12,11 @@ from omnimirror.apps.studio import _standalone_page, standalone_page
 from omnimirror.io import read_image, write_image
 from omnimirror.optics.mirrors import Sphere
 
-from .browser import command, drawn
+from .browser import command, view_pixels
 from .firefox import running
-from .pictures import pattern, psnr, python_view
+from .images import pattern, psnr, python_view
 
-LOOK, BENCH = "window.omnimirror.look", "window.omnimirror.tabs.design"
+VIEW, BENCH = "window.omnimirror.look", "window.omnimirror.tabs.design"
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +40,14 @@ def test_views_match_command_line(page, server, tmp_path, mode, name):
     write_image(tmp_path / name, pattern(sensor.image_size))
     page.go("about:blank")  # a change of the fragment alone does not load the page
     page.go(f"{server}#sensor=paper-spherical&mode={mode}&pan=40&tilt=10&hfov=70")
-    page.wait(f"{LOOK}.sensor.camera")
+    page.wait(f"{VIEW}.sensor.camera")
     page.choose("#file", tmp_path / name)
-    page.wait(f"{LOOK}.feed?.name === {name!r}")
-    wanted = python_view(command(page, 240, 160), tmp_path)(read_image(tmp_path / name))
-    seen = drawn(page, 240, 160)
-    both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
+    page.wait(f"{VIEW}.feed?.name === {name!r}")
+    expected = python_view(command(page, 240, 160), tmp_path)(read_image(tmp_path / name))
+    pixels = view_pixels(page, 240, 160)
+    both = (pixels[..., 3] > 0) & (expected.max(axis=-1) > 0)
     assert both.mean() > 0.4
-    assert psnr(seen[..., :3], wanted, both) > 40
+    assert psnr(pixels[..., :3], expected, both) > 40
 
 
 def test_slider_updates_plots(page, server):
@@ -67,10 +67,10 @@ def test_slider_updates_plots(page, server):
     assert page.evaluate(f"{BENCH}.evaluations[0].summary.field_deg[1]") == pytest.approx(
         sensor.field_deg[1]
     )
-    drawn_curves = (
+    curves = (
         "[...document.querySelectorAll('#design .uplot canvas')].filter((c) => c.width > 0).length"
     )
-    assert page.evaluate(drawn_curves) >= 8
+    assert page.evaluate(curves) >= 8
 
 
 def test_calibrate_tab_opens(page, server):
@@ -86,13 +86,13 @@ def test_page_without_server_displays_views_and_designs(page, tmp_path):
         patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=40.0))
         (tmp_path / "look.html").write_text(standalone_page(["paper-spherical"]), encoding="utf-8")
     page.go((tmp_path / "look.html").as_uri())
-    page.wait(f"{LOOK}.sensor.camera")
+    page.wait(f"{VIEW}.sensor.camera")
     page.press("#try")
-    page.wait(f"{LOOK}.feed")
-    assert (drawn(page, 200, 100)[..., 3] > 0).mean() > 0.5
+    page.wait(f"{VIEW}.feed")
+    assert (view_pixels(page, 200, 100)[..., 3] > 0).mean() > 0.5
     page.press('#tabs button[value="design"]')
     page.wait(f"{BENCH}.evaluations[0].summary")
     curve = page.evaluate(f"[...{BENCH}.evaluations[0].block('curves').column('blur_s_px')]")
     sensor = om.load_sensor("paper-spherical")
-    wanted = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(curve))).blur_s_px
-    np.testing.assert_allclose(curve, wanted, rtol=1e-6, atol=1e-5)
+    expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(curve))).blur_s_px
+    np.testing.assert_allclose(curve, expected, rtol=1e-6, atol=1e-5)

@@ -7,8 +7,8 @@ import pytest
 
 from omnimirror.io import write_image
 
-from .browser import drop, look, open_page
-from .pictures import pattern
+from .browser import drop, open_page, set_state
+from .images import pattern
 
 CIRCLE = [pytest.approx(390, abs=0.5), pytest.approx(215, abs=0.5), pytest.approx(180, abs=0.5)]
 
@@ -19,8 +19,8 @@ def folder(tmp_path_factory):
     mirror."""
     folder = tmp_path_factory.mktemp("pictures")
     v, u = np.mgrid[:480, :700]
-    turn = np.arctan2(v - 215, u - 390)
-    disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)
+    azimuth = np.arctan2(v - 215, u - 390)
+    disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * azimuth)), 12)
     write_image(folder / "ball.png", disc.astype(np.uint8))
     write_image(folder / "evening.png", (0.8 * disc[:470]).astype(np.uint8))
     write_image(folder / "waves.png", pattern((500, 400)))
@@ -69,7 +69,7 @@ def test_changing_camera_keeps_detected_circle(page, folder):
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
     page.wait_for_function("window.omnimirror.store.state.rim")
     assert state(page)["rim"] == CIRCLE
-    look(page, rim=[380.0, 215.0, 180.0])
+    set_state(page, rim=[380.0, 215.0, 180.0])
     page.get_by_text("Mirror detected automatically,").wait_for(state="detached")
 
 

@@ -8,13 +8,15 @@ from .browser import drop, open_page
 from .test_stage import folder  # noqa: F401
 
 PAN_TILT = "[window.omnimirror.store.state.pan, window.omnimirror.store.state.tilt]"
-TELL = "(how) => dispatchEvent(new DeviceOrientationEvent('deviceorientation', how))"
-PRESS = f"""async (how) => {{
+DISPATCH_ORIENTATION = (
+    "(how) => dispatchEvent(new DeviceOrientationEvent('deviceorientation', how))"
+)
+PRESS_BUTTON = f"""async (how) => {{
   document.querySelector("#gyroscope").click();
   await new Promise((done) => setTimeout(done));
-  ({TELL})(how);
+  ({DISPATCH_ORIENTATION})(how);
 }}"""
-ASKED = """
+COUNT_REQUESTS = """
 window.asked = 0;
 window.answer = 'granted';
 DeviceOrientationEvent.requestPermission = () => { window.asked++; return Promise.resolve(window.answer); };
@@ -22,15 +24,15 @@ DeviceOrientationEvent.requestPermission = () => { window.asked++; return Promis
 NAME = "Follow device"
 
 
-def turned(page, alpha: float, beta: float, gamma: float) -> list[float]:
+def rotate_phone(page, alpha: float, beta: float, gamma: float) -> list[float]:
     """Return pan and tilt after an orientation event."""
-    page.evaluate(TELL, {"alpha": alpha, "beta": beta, "gamma": gamma})
+    page.evaluate(DISPATCH_ORIENTATION, {"alpha": alpha, "beta": beta, "gamma": gamma})
     return page.evaluate(PAN_TILT)
 
 
-def pressed(page, alpha: float, beta: float, gamma: float) -> None:
+def press_button(page, alpha: float, beta: float, gamma: float) -> None:
     """Press the button on a phone of given orientation; its first event must follow shortly."""
-    page.evaluate(PRESS, {"alpha": alpha, "beta": beta, "gamma": gamma})
+    page.evaluate(PRESS_BUTTON, {"alpha": alpha, "beta": beta, "gamma": gamma})
     assert page.get_by_role("button", name=NAME).get_attribute("aria-pressed") == "true"
 
 
@@ -38,14 +40,14 @@ def pressed(page, alpha: float, beta: float, gamma: float) -> None:
 def phone(browser, server, folder):  # noqa: F811
     pages = []
 
-    def opened(prepare: str = ASKED):
+    def open_phone(script: str = COUNT_REQUESTS):
         address = f"{server}#sensor=ball:280&mode=perspective&pan=30"
-        page = open_page(browser, address, 390, 760, prepare, has_touch=True)
+        page = open_page(browser, address, 390, 760, script, has_touch=True)
         drop(page, folder / "picture.png")
         pages.append(page)
         return page
 
-    yield opened
+    yield open_phone
     for page in pages:
         assert page.problems == []
         page.context.close()
@@ -54,35 +56,35 @@ def phone(browser, server, folder):  # noqa: F811
 def test_view_follows_phone_until_switched_off(phone):
     page = phone()
     button = page.get_by_role("button", name=NAME)
-    assert turned(page, 0, 100, 0) == [30, 0]  # not before permission
-    pressed(page, 350, 90, 0)
+    assert rotate_phone(page, 0, 100, 0) == [30, 0]  # not before permission
+    press_button(page, 350, 90, 0)
     assert page.evaluate(PAN_TILT) == pytest.approx([30, 0])  # starts at the current view
-    assert turned(page, 330, 110, 0) == pytest.approx([50, 20])  # 20 deg to the right, and up
-    assert turned(page, 10, 60, 0) == pytest.approx([10, -30])  # across north
+    assert rotate_phone(page, 330, 110, 0) == pytest.approx([50, 20])  # 20 deg to the right, and up
+    assert rotate_phone(page, 10, 60, 0) == pytest.approx([10, -30])  # across north
     page.evaluate("window.omnimirror.store.set({ pan: 100 })")  # dragged in between
-    assert turned(page, 20, 90, 0) == pytest.approx([90, 0])
-    assert turned(page, 200, 0.01, 0)[0] == pytest.approx(90)  # laid flat
-    assert turned(page, 200, 90, 0) == pytest.approx([90, 0])
+    assert rotate_phone(page, 20, 90, 0) == pytest.approx([90, 0])
+    assert rotate_phone(page, 200, 0.01, 0)[0] == pytest.approx(90)  # laid flat
+    assert rotate_phone(page, 200, 90, 0) == pytest.approx([90, 0])
     button.click()
-    assert turned(page, 100, 120, 0) == pytest.approx([90, 0])
+    assert rotate_phone(page, 100, 120, 0) == pytest.approx([90, 0])
 
 
 @pytest.mark.full
 def test_denied_motion_permission(phone):
-    page = phone(f"{ASKED} window.answer = 'denied';")
+    page = phone(f"{COUNT_REQUESTS} window.answer = 'denied';")
     button = page.get_by_role("button", name=NAME)
     button.click()
     page.get_by_text("Access to motion sensors was denied.").wait_for()
     assert button.get_attribute("aria-pressed") == "false"
     page.evaluate("window.answer = 'granted'")
-    pressed(page, 0, 120, 0)
+    press_button(page, 0, 120, 0)
     assert page.evaluate("window.asked") == 2
     assert page.evaluate(PAN_TILT) == pytest.approx([30, 30])
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    ("prepare", "reason"),
+    ("script", "reason"),
     [
         ("delete window.DeviceOrientationEvent;", "This device does not report its orientation."),
         (
@@ -91,8 +93,8 @@ def test_denied_motion_permission(phone):
         ),
     ],
 )
-def test_unavailable_orientation_is_explained(prepare, reason, phone):
-    page = phone(prepare)
+def test_unavailable_orientation_is_explained(script, reason, phone):
+    page = phone(script)
     button = page.get_by_role("button", name=NAME)
     assert button.get_attribute("aria-disabled") == "true"
     assert reason in button.get_attribute("title")

@@ -24,11 +24,11 @@ from omnimirror.optics.sensor_files import tables_of
 from tests.everyday import few
 from tests.serving import in_a_loop
 
-from .boards import ASKED, BLANK
+from .boards import BLANK, BOARD_REQUEST
 
 LOCAL = "http://127.0.0.1"
 TABLES = tables_of(om.load_sensor("paper-spherical"))
-FOLLOWS = {"tables": TABLES, "follows_mapping": False}
+DESIGN = {"tables": TABLES, "follows_mapping": False}
 DISTANCE = {"object_distance_mm": None}
 REQUIRED = {
     "field": {"omega_max_deg": 90.0},
@@ -42,7 +42,7 @@ FITTED = {
     "centre_px": [31.5, 31.5],
     "rim_radius_px": 30.0,
 }
-SEEN = {
+DETECTION = {
     "name": "a.png",
     "image_size": [480, 480],
     "ids": [0, 1],
@@ -55,7 +55,7 @@ SEEN = {
     "is_part": False,
     "time_s": None,
 }
-PLACE = {
+POSE = {
     "image": "a.png", "rotation": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], "shift_mm": [0.0, 0.0, 300.0],
     "low_mm": [0.0, 0.0], "high_mm": [90.0, 60.0], "margin_mm": 5.0, "px_per_mm": 1.0, "is_upwards": True,
 }  # fmt: skip
@@ -64,7 +64,7 @@ ALLOWED = [{"name": "decentre_mm", "tolerance": 0.1}]
 
 BODIES: dict[str, Any] = {
     "/api/sensor-file": FITTED,
-    "/api/bench/slides": {**FOLLOWS, "requirements": REQUIRED, "sliders": SLIDES},
+    "/api/bench/slides": {**DESIGN, "requirements": REQUIRED, "sliders": SLIDES},
     "/api/bench/change": {"tables": TABLES, **DISTANCE, "target": "mirror", "to": "cone"},
     "/api/bench/making": {"tables": TABLES, **DISTANCE, "kind": "table"},
     "/api/bench/file": {"tables": TABLES, **DISTANCE, "kind": "sensor"},
@@ -82,17 +82,17 @@ BODIES: dict[str, Any] = {
         "seed": 0,
     },
     "/api/calibrate/together": {
-        "board": ASKED,
-        "detections": [SEEN],
+        "board": BOARD_REQUEST,
+        "detections": [DETECTION],
         "centre_px": None,
         "radius_px": None,
         "candidate": None,
     },
 }
-BEFORE_FILES: dict[str, Any] = {
+FRAMED_BODIES: dict[str, Any] = {
     "/api/level": {**FITTED, "name": "a.png"},
     "/api/restore": {**FITTED, "name": "a.png", **DISTANCE},
-    "/api/calibrate/straight": {"camera_file": "", "pose": PLACE, "name": "a.png"},
+    "/api/calibrate/straight": {"camera_file": "", "pose": POSE, "name": "a.png"},
 }
 """Messages that precede a file in the body."""
 FILES = {"/api/sensors", "/api/bench/open", "/api/convert", "/api/rim", "/api/calibrate/look"}
@@ -101,7 +101,7 @@ SOCKETS: dict[str, Any] = {
     "/api/bench/ask": {
         "slot": 0,
         "number": 1,
-        **FOLLOWS,
+        **DESIGN,
         **DISTANCE,
         "include_section": False,
         "include_squares": False,
@@ -118,7 +118,7 @@ SOCKETS: dict[str, Any] = {
         "starts": 1,
     },
     "/api/calibrate/work": {
-        "board": ASKED,
+        "board": BOARD_REQUEST,
         "images": 2,
         "model": "unified",
         "optics": "mirror",
@@ -188,25 +188,25 @@ def paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield from paths(part, (*path, key))
 
 
-def with_raw(value: Any, path: tuple[Any, ...], raw: str) -> str:
+def replace_value(value: Any, path: tuple[Any, ...], raw: str) -> str:
     """Return the JSON text of data with raw text replacing one value."""
 
-    def replaced(part: Any, rest: tuple[Any, ...]) -> Any:
-        if not rest:
+    def replace(part: Any, keys: tuple[Any, ...]) -> Any:
+        if not keys:
             return "@here@"
         copy = dict(part) if isinstance(part, dict) else list(part)
-        copy[rest[0]] = replaced(part[rest[0]], rest[1:])
+        copy[keys[0]] = replace(part[keys[0]], keys[1:])
         return copy
 
-    return json.dumps(replaced(value, path)).replace('"@here@"', raw)
+    return json.dumps(replace(value, path)).replace('"@here@"', raw)
 
 
-def broken(sample: Any) -> list[bytes]:
+def invalid_bodies(sample: Any) -> list[bytes]:
     """Return bodies that are not JSON: truncated, in another encoding, continued."""
     text = json.dumps(sample).encode()
-    cut = [text[:length] for length in (0, 1, len(text) // 2, len(text) - 1)]
+    truncated = [text[:length] for length in (0, 1, len(text) // 2, len(text) - 1)]
     return [
-        *cut,
+        *truncated,
         text + b"]",
         b"\xff" + text,
         text.replace(b'"', b'"\xc3\x28', 1),
@@ -214,22 +214,22 @@ def broken(sample: Any) -> list[bytes]:
     ]
 
 
-def everyday_paths(sample: Any) -> list[tuple[Any, ...]]:
+def sample_paths(sample: Any) -> list[tuple[Any, ...]]:
     """Return the whole, the first entry and the deepest."""
-    found = list(paths(sample))
-    return [(), found[1], max(found, key=len)]
+    all_paths = list(paths(sample))
+    return [(), all_paths[1], max(all_paths, key=len)]
 
 
-def framed(text: bytes) -> bytes:
+def frame_with_file(text: bytes) -> bytes:
     return struct.pack("<I", len(text)) + text + BLANK
 
 
 def frame(path: str, text: bytes) -> bytes:
     """Return the body of a request to a route."""
-    return framed(text) if path in BEFORE_FILES else text
+    return frame_with_file(text) if path in FRAMED_BODIES else text
 
 
-ALL = BODIES | BEFORE_FILES
+ALL = BODIES | FRAMED_BODIES
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +248,7 @@ def quiet_log(caplog):
     assert not caplog.records
 
 
-def posted(client: TestClient, path: str, body: bytes, kind: str = "application/json") -> Any:
+def post(client: TestClient, path: str, body: bytes, kind: str = "application/json") -> Any:
     return client.post(path, content=body, headers={"content-type": kind})
 
 
@@ -270,20 +270,22 @@ def test_every_route_with_body_is_tested():
 @pytest.mark.parametrize("path", ALL)
 def test_invalid_json_is_rejected(path, client):
     sample = ALL[path]
-    for body in broken(sample):
-        check_refusal(posted(client, path, frame(path, body)))
-    for where in everyday_paths(sample):
+    for body in invalid_bodies(sample):
+        check_refusal(post(client, path, frame(path, body)))
+    for keys in sample_paths(sample):
         for raw in NOT_JSON.values():
-            check_refusal(posted(client, path, frame(path, with_raw(sample, where, raw).encode())))
+            check_refusal(
+                post(client, path, frame(path, replace_value(sample, keys, raw).encode()))
+            )
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("path", ALL)
 def test_invalid_json_is_rejected_at_any_position(path, client):
-    for where in paths(ALL[path]):
+    for keys in paths(ALL[path]):
         for raw in NOT_JSON.values():
             check_refusal(
-                posted(client, path, frame(path, with_raw(ALL[path], where, raw).encode()))
+                post(client, path, frame(path, replace_value(ALL[path], keys, raw).encode()))
             )
 
 
@@ -300,10 +302,10 @@ def test_invalid_json_is_rejected_at_any_position(path, client):
 def test_unexpected_values_are_rejected_or_processed(path, client, request):
     sample = ALL[path]
     is_full = request.node.get_closest_marker("full") is not None
-    for where in paths(sample):
+    for keys in paths(sample):
         for raw in UNEXPECTED if is_full else UNEXPECTED[::4]:
-            answer = posted(client, path, frame(path, with_raw(sample, where, raw).encode()))
-            assert answer.status_code in (200, 400, 404, 422), (where, raw[:40], answer.text)
+            answer = post(client, path, frame(path, replace_value(sample, keys, raw).encode()))
+            assert answer.status_code in (200, 400, 404, 422), (keys, raw[:40], answer.text)
 
 
 @pytest.mark.parametrize(
@@ -312,7 +314,7 @@ def test_unexpected_values_are_rejected_or_processed(path, client, request):
 def test_bodies_of_other_types_are_rejected(kind, client):
     for path in BODIES:
         for body in (b"\xff\xfe", json.dumps(BODIES[path]).encode(), b"a=b"):
-            check_refusal(posted(client, path, body, kind))
+            check_refusal(post(client, path, body, kind))
 
 
 @pytest.mark.parametrize(
@@ -323,7 +325,7 @@ def test_non_finite_parameters_are_rejected(value, client):
         check_refusal(client.get("/api/camera", params={"id": "paper-spherical", name: value}))
     for name in ("columns", "square_mm", "spacing"):
         check_refusal(
-            client.post("/api/calibrate/look", params={**ASKED, name: value}, content=BLANK)
+            client.post("/api/calibrate/look", params={**BOARD_REQUEST, name: value}, content=BLANK)
         )
 
 
@@ -331,11 +333,11 @@ def test_non_finite_parameters_are_rejected(value, client):
 def test_invalid_messages_close_socket(path, client):
     sample = SOCKETS[path]
     texts = [
-        with_raw(sample, where, raw)
-        for where in everyday_paths(sample)
+        replace_value(sample, keys, raw)
+        for keys in sample_paths(sample)
         for raw in NOT_JSON.values()
     ]
-    texts += [body.decode("latin-1") for body in broken(sample)] + [
+    texts += [body.decode("latin-1") for body in invalid_bodies(sample)] + [
         "[]",
         "{}",
         '{"slot": "nan"}',
@@ -378,7 +380,7 @@ def test_json_is_parsed_as_by_python(text):
 
 
 @pytest.mark.parametrize(
-    ("body", "sentence"),
+    ("body", "reason"),
     [
         (b"\xff", "the body must be JSON in UTF-8"),
         (b'{"a": }', "the body must be JSON: Expecting value at character 6"),
@@ -399,14 +401,14 @@ def test_json_is_parsed_as_by_python(text):
         ('{"a": 1, "a": 1}', "names in the body must be unique; got 'a' twice"),
     ],
 )
-def test_invalid_json_is_rejected_with_reason(body, sentence):
-    with pytest.raises(request_bodies.InvalidMessage) as refused:
+def test_invalid_json_is_rejected_with_reason(body, reason):
+    with pytest.raises(request_bodies.InvalidMessage) as error:
         request_bodies.parse_body(body)
-    assert str(refused.value) == sentence
+    assert str(error.value) == reason
 
 
 @pytest.mark.parametrize(
-    ("message", "sentence"),
+    ("message", "reason"),
     [
         ({"message": "no"}, "path must be given"),
         ({"path": [], "message": "no", "more": 1}, "more is unknown; remove it"),
@@ -414,10 +416,10 @@ def test_invalid_json_is_rejected_with_reason(body, sentence):
         ([], "the body must be a valid dictionary or instance of ApiError; got []"),
     ],
 )
-def test_invalid_entry_is_named(message, sentence):
-    with pytest.raises(request_bodies.InvalidMessage) as refused:
+def test_invalid_entry_is_named(message, reason):
+    with pytest.raises(request_bodies.InvalidMessage) as error:
         request_bodies.parse_message(json.dumps(message), ApiError)
-    assert str(refused.value) == sentence
+    assert str(error.value) == reason
 
 
 def test_first_invalid_entry_is_named_without_location():
@@ -427,20 +429,22 @@ def test_first_invalid_entry_is_named_without_location():
         "msg": "Value error, no lens",
         "input": "x",
     }
-    other = {"type": "missing", "loc": ("query", "id"), "msg": "Field required", "input": None}
+    missing = {"type": "missing", "loc": ("query", "id"), "msg": "Field required", "input": None}
     assert (
-        request_bodies.validation_message([entry, other])
+        request_bodies.validation_message([entry, missing])
         == "lens.2.kind is invalid: value error, no lens; got 'x'"
     )
-    assert request_bodies.validation_message([other, entry]) == "id must be given"
+    assert request_bodies.validation_message([missing, entry]) == "id must be given"
     for loc, name in (
         (("path", "id"), "id"),
         (("header", "id"), "header.id"),
         (("body",), "the body"),
     ):
-        assert request_bodies.validation_message([{**other, "loc": loc}]) == f"{name} must be given"
-    whole = {"type": "value_error", "loc": (), "msg": "Lens"}
-    assert request_bodies.validation_message([whole]) == "the body is invalid: lens; got None"
+        assert (
+            request_bodies.validation_message([{**missing, "loc": loc}]) == f"{name} must be given"
+        )
+    body_error = {"type": "value_error", "loc": (), "msg": "Lens"}
+    assert request_bodies.validation_message([body_error]) == "the body is invalid: lens; got None"
 
 
 class Socket:
@@ -458,12 +462,12 @@ class Socket:
 
 def test_socket_message_is_text_or_disconnect():
     text = '{"path": [], "message": "no"}'
-    received = in_a_loop(
+    message_in = in_a_loop(
         request_bodies.receive_message(
             Socket({"type": "websocket.receive", "text": text}), ApiError
         )
     )
-    assert received == ApiError(path=(), message="no")
+    assert message_in == ApiError(path=(), message="no")
     with pytest.raises(
         request_bodies.InvalidMessage, match="must be JSON text; got a binary message"
     ):
@@ -473,13 +477,16 @@ def test_socket_message_is_text_or_disconnect():
             )
         )
     for message, code in (({}, 1005), ({"code": 1001, "reason": "gone"}, 1001)):
-        with pytest.raises(WebSocketDisconnect) as ended:
+        with pytest.raises(WebSocketDisconnect) as disconnect:
             in_a_loop(
                 request_bodies.receive_message(
                     Socket({"type": "websocket.disconnect", **message}), ApiError
                 )
             )
-        assert (ended.value.code, ended.value.reason) == (code, message.get("reason") or "")
+        assert (disconnect.value.code, disconnect.value.reason) == (
+            code,
+            message.get("reason") or "",
+        )
 
 
 def test_close_reason_fits_frame_and_ends_with_complete_character():
@@ -489,13 +496,13 @@ def test_close_reason_fits_frame_and_ends_with_complete_character():
     assert socket.closed == (1003, "ö" * 61)
 
 
-@pytest.mark.parametrize("sentence", ["", "a", "ab", "abc", "ö" * 300])
-def test_framed_message_has_documented_layout(sentence):
-    message, parts = ApiError(path=("lens",), message=sentence), (b"\x00\x01", b"", b"file")
+@pytest.mark.parametrize("reason", ["", "a", "ab", "abc", "ö" * 300])
+def test_framed_message_has_documented_layout(reason):
+    message, parts = ApiError(path=("lens",), message=reason), (b"\x00\x01", b"", b"file")
     data = _http_messages.framed(message, *parts)
     (length,) = struct.unpack("<I", data[:4])
     assert length % 4 == 0
-    assert json.loads(data[4 : 4 + length]) == {"path": ["lens"], "message": sentence}
+    assert json.loads(data[4 : 4 + length]) == {"path": ["lens"], "message": reason}
     assert len(data[4 : 4 + length].rstrip()) > length - 4
     assert data[4 + length :] == b"".join(parts)
     assert _http_messages.unframed(data, ApiError) == (message, b"".join(parts))

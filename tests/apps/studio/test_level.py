@@ -12,11 +12,11 @@ import omnimirror as om
 from omnimirror.cameras.frames import Mount
 from omnimirror.io import write_image
 
-from .browser import command, coordinates, drop, look, open_page
-from .pictures import pattern, python_view
+from .browser import command, coordinates, drop, open_page, set_state
+from .images import pattern, python_view
 
 SIZE = (120, 90)
-LEAN = {"pitch": 6.0, "roll": -4.0}
+TILT = {"pitch": 6.0, "roll": -4.0}
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def page(browser, server, tmp_path):
     page.context.close()
 
 
-def leaning(pitch: float, roll: float) -> om.Sensor:
+def tilted_sensor(pitch: float, roll: float) -> om.Sensor:
     return replace(om.load_sensor("paper-spherical"), mount=Mount(pitch_deg=pitch, roll_deg=roll))
 
 
@@ -39,7 +39,7 @@ def mount_of(page) -> tuple[float, float]:
     return mount["pitch_deg"], mount["roll_deg"]
 
 
-def settled(page) -> None:
+def wait_for_tilt(page) -> None:
     """Wait until the server camera has the tilt of the dragged one."""
     page.wait_for_function("""() => {
       const { look: { sensor }, store: { state } } = window.omnimirror;
@@ -48,7 +48,7 @@ def settled(page) -> None:
     }""")
 
 
-def place_of(page, pan: float, tilt: float) -> list[float]:
+def screen_position(page, pan: float, tilt: float) -> list[float]:
     """Return the screen position of a direction in the displayed panorama."""
     return page.evaluate(
         """([pan, tilt]) => {
@@ -65,14 +65,14 @@ def place_of(page, pan: float, tilt: float) -> list[float]:
 @pytest.mark.full
 @pytest.mark.parametrize("mode", ["panorama", "perspective"])
 def test_views_of_tilted_sensor_match_command_line(mode, page, tmp_path):
-    look(page, mode=mode, pan=40.0, hfov=70.0, **LEAN)
-    settled(page)
+    set_state(page, mode=mode, pan=40.0, hfov=70.0, **TILT)
+    wait_for_tilt(page)
     line = command(page, *SIZE)
     assert "--set camera.level=6,-4" in line
-    found, wanted = coordinates(page, *SIZE), python_view(line, tmp_path).coordinates(exact=True)
-    both = np.isfinite(found[..., 0]) & np.isfinite(wanted[..., 0])
-    assert both.mean() > 0.5
-    assert np.linalg.norm(found - wanted, axis=-1)[both].max() < 0.02
+    result, expected = coordinates(page, *SIZE), python_view(line, tmp_path).coordinates(exact=True)
+    is_finite = np.isfinite(result[..., 0]) & np.isfinite(expected[..., 0])
+    assert is_finite.mean() > 0.5
+    assert np.linalg.norm(result - expected, axis=-1)[is_finite].max() < 0.02
 
 
 @pytest.mark.long
@@ -82,32 +82,36 @@ def test_dragging_horizon_levels_tilted_sensor(page):
     button = page.get_by_role("button", name="Drag horizon")
     button.click()
     page.wait_for_selector("#horizon:visible")
-    truth = leaning(**LEAN)
+    truth = tilted_sensor(**TILT)
     for pan in (0.0, 90.0, 0.0, 90.0):
-        towards = np.array([np.cos(np.radians(pan)), -np.sin(np.radians(pan)), 0.0])
-        pixel = truth.project_directions(towards[None]).pixels  # horizon in the image
-        seen = leaning(*mount_of(page)).backproject(pixel).directions[0]  # and in the current view
-        shown = np.degrees([np.arctan2(-seen[1], seen[0]), np.arcsin(seen[2])])
-        start, end = place_of(page, *shown), place_of(page, shown[0], 0.0)
+        direction = np.array([np.cos(np.radians(pan)), -np.sin(np.radians(pan)), 0.0])
+        pixel = truth.project_directions(direction[None]).pixels  # horizon in the image
+        view_direction = (
+            tilted_sensor(*mount_of(page)).backproject(pixel).directions[0]
+        )  # and in the current view
+        pan_tilt = np.degrees(
+            [np.arctan2(-view_direction[1], view_direction[0]), np.arcsin(view_direction[2])]
+        )
+        start, end = screen_position(page, *pan_tilt), screen_position(page, pan_tilt[0], 0.0)
         page.mouse.move(*start)
         page.mouse.down()
-        for share in (0.3, 0.7, 1.0):
-            page.mouse.move(*(np.array(start) + share * (np.array(end) - start)))
+        for fraction in (0.3, 0.7, 1.0):
+            page.mouse.move(*(np.array(start) + fraction * (np.array(end) - start)))
         page.mouse.up()
-        settled(page)
+        wait_for_tilt(page)
     assert mount_of(page) == (
-        pytest.approx(LEAN["pitch"], abs=0.1),
-        pytest.approx(LEAN["roll"], abs=0.1),
+        pytest.approx(TILT["pitch"], abs=0.1),
+        pytest.approx(TILT["roll"], abs=0.1),
     )
     state = page.evaluate("window.omnimirror.store.state")
     assert (state["pan"], state["tilt"]) == (0, 0)
     assert float(page.locator("#pitch").input_value()) == state["pitch"]
-    words = shlex.split(command(page, *SIZE))
-    assert f"camera.level={state['pitch']:g},{state['roll']:g}" in words
+    arguments = shlex.split(command(page, *SIZE))
+    assert f"camera.level={state['pitch']:g},{state['roll']:g}" in arguments
     page.wait_for_function("location.hash.includes('pitch=')")
     page.get_by_role("button", name="Reset tilt").click()
     page.wait_for_function("window.omnimirror.store.state.pitch === 0")
-    settled(page)
+    wait_for_tilt(page)
     assert mount_of(page) == (0, 0)
     button.click()
     page.wait_for_selector("#horizon", state="hidden")
@@ -115,7 +119,7 @@ def test_dragging_horizon_levels_tilted_sensor(page):
 
 def test_horizon_line_is_at_horizon(page):
     page.get_by_role("button", name="Drag horizon").click()
-    look(page, mode="perspective", tilt=10.0, hfov=60.0)
+    set_state(page, mode="perspective", tilt=10.0, hfov=60.0)
     page.wait_for_function("""() => {
       const view = document.querySelector("#view").getBoundingClientRect();
       const line = document.querySelector("#horizon").getBoundingClientRect();
@@ -129,22 +133,23 @@ def test_horizon_line_is_at_horizon(page):
 def test_tilt_is_estimated_from_vertical_edges(page, tmp_path):
     """Room image of a tilted sensor, compared with the simulated tilt."""
     write_image(
-        tmp_path / "leaned.png", om.render_image(leaning(**LEAN), om.Room(texel_mm=15.0), samples=1)
+        tmp_path / "leaned.png",
+        om.render_image(tilted_sensor(**TILT), om.Room(texel_mm=15.0), samples=1),
     )
     drop(page, tmp_path / "leaned.png")
     page.wait_for_function("window.omnimirror.look.level.current?.feed.name === 'leaned.png'")
     page.get_by_role("button", name="Find level").click()
     page.wait_for_function("window.omnimirror.store.state.pitch !== null")
-    settled(page)
+    wait_for_tilt(page)
     assert mount_of(page) == (
-        pytest.approx(LEAN["pitch"], abs=0.3),
-        pytest.approx(LEAN["roll"], abs=0.3),
+        pytest.approx(TILT["pitch"], abs=0.3),
+        pytest.approx(TILT["roll"], abs=0.3),
     )
     page.get_by_role("status").filter(has_text="vertical edges").wait_for()
 
 
 def test_too_few_vertical_edges(page):
-    look(page, sensor="paper-hyperboloidal")
+    set_state(page, sensor="paper-hyperboloidal")
     page.wait_for_function(
         "window.omnimirror.look.level.current?.camera.model.id === 'paper-hyperboloidal'"
     )

@@ -18,8 +18,8 @@ from tests.io.synthetic import make_video
 from tests.io.test_live_sources import HEAD, paced
 from tests.io.test_live_sources import server as streaming
 
-from .browser import command, drawn, look, open_page, serving
-from .pictures import video_of
+from .browser import command, open_page, serving, set_state, view_pixels
+from .images import write_video
 
 BALL = "31.5,23.5,23,280"  # in the videos of 64 x 48 px
 SHADES = (20, 235)
@@ -29,13 +29,13 @@ SHADES = (20, 235)
 def film(tmp_path_factory) -> Path:
     """A video in a browser format: dark for 1 s, then bright for 1 s."""
     path = tmp_path_factory.mktemp("film") / "ride.mp4"
-    with av.open(str(path), "w") as out:
-        stream = out.add_stream("libx264", rate=10, options={"g": "1"})
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=10, options={"g": "1"})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for i in range(20):
-            picture = np.full((48, 64, 3), SHADES[i // 10], np.uint8)
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        out.mux(stream.encode())
+            image = np.full((48, 64, 3), SHADES[i // 10], np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
     return path
 
 
@@ -52,21 +52,21 @@ look();
 """  # from dark to bright and back
 
 
-def shows(page, name: str) -> None:
+def wait_for_image(page, name: str) -> None:
     page.wait_for_function(f"window.omnimirror.look.feed?.name === {name!r}")
     page.wait_for_selector("#view:visible")
 
 
 def shade(page) -> float:
     """Return the brightness of the centre of the view."""
-    return float(np.median(drawn(page, 40, 30)[8:22, 10:30, :3]))
+    return float(np.median(view_pixels(page, 40, 30)[8:22, 10:30, :3]))
 
 
 def test_video_is_paused_and_its_command_writes_a_video(browser, server, film, tmp_path):
     page = open_page(browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40")
     page.set_input_files("#file", film)
-    shows(page, "ride.mp4")
-    look(page, rim=[31.5, 23.5, 23])
+    wait_for_image(page, "ride.mp4")
+    set_state(page, rim=[31.5, 23.5, 23])
     page.get_by_role("button", name="Pause").click()
     for second, expected in ((0.5, SHADES[0]), (1.5, SHADES[1])):
         page.evaluate(
@@ -85,8 +85,8 @@ def test_video_is_paused_and_its_command_writes_a_video(browser, server, film, t
     (tmp_path / film.name).write_bytes(film.read_bytes())
     run = omnimirror(*shlex.split(line)[1:], cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    with av.open(str(tmp_path / "perspective.mp4")) as made:
-        frames = [f.to_ndarray(format="gray") for f in made.decode(video=0)]
+    with av.open(str(tmp_path / "perspective.mp4")) as container:
+        frames = [f.to_ndarray(format="gray") for f in container.decode(video=0)]
     assert len(frames) == 20
     assert [np.median(f[8:22, 10:30]) for f in (frames[5], frames[15])] == pytest.approx(
         SHADES, abs=6
@@ -99,7 +99,7 @@ def test_standalone_viewer_plays_embedded_video(browser, film, tmp_path):
     run = omnimirror("dewarp", film, "--ball", BALL, "-o", page_file)
     assert run.returncode == 0, run.stderr
     page = open_page(browser, f"{page_file.as_uri()}#mode=perspective&tilt=-60&hfov=40")
-    shows(page, "ride.mp4")
+    wait_for_image(page, "ride.mp4")
     assert shade(page) in (pytest.approx(SHADES[0], abs=6), pytest.approx(SHADES[1], abs=6))
     page.context.close()
 
@@ -107,34 +107,34 @@ def test_standalone_viewer_plays_embedded_video(browser, film, tmp_path):
 @pytest.mark.full
 def test_standalone_viewer_requests_large_video_once(browser, film, tmp_path, monkeypatch):
     monkeypatch.setattr(pages, "MAX_EMBEDDED_BYTES", 100)
-    beside = tmp_path / "my rides" / film.name
-    beside.parent.mkdir()
-    beside.write_bytes(film.read_bytes())
+    video = tmp_path / "my rides" / film.name
+    video.parent.mkdir()
+    video.write_bytes(film.read_bytes())
     camera = om.MirrorBall(
         centre_px=(31.5, 23.5), rim_radius_px=23.0, field_deg=280.0, image_size=(64, 48)
     )
     page_file = tmp_path / "ride.html"
-    page_file.write_text(video_viewer(camera, "ball", ("--ball", BALL), beside, page_file))
+    page_file.write_text(video_viewer(camera, "ball", ("--ball", BALL), video, page_file))
     assert '"media":"my%20rides/ride.mp4"' in page_file.read_text()
     page = open_page(browser, page_file.as_uri())
     page.get_by_text("Drop ride.mp4 here").wait_for()
-    page.set_input_files("#file", beside)
-    shows(page, "ride.mp4")
+    page.set_input_files("#file", video)
+    wait_for_image(page, "ride.mp4")
     page.wait_for_function("location.hash.includes('source=kept')")
     page.reload()
-    shows(page, "ride.mp4")
+    wait_for_image(page, "ride.mp4")
     assert page.problems == []
     page.context.close()
 
 
 def test_unsupported_videos_are_rejected(film, tmp_path):
-    old = video_of(tmp_path / "old.mp4")
+    old = write_video(tmp_path / "old.mp4")
     assert "got mpeg4" in fails("dewarp", old, "--ball", BALL, "-o", tmp_path / "v.html")
     assert "must have 1024 x 1024 px" in fails(
         "dewarp", film, "--sensor", "paper-spherical", "-o", tmp_path / "v.html"
     )
     assert "browsers support (.mp4" in fails(
-        "dewarp", video_of(tmp_path / "old.avi"), "--ball", BALL, "-o", tmp_path / "v.html"
+        "dewarp", write_video(tmp_path / "old.avi"), "--ball", BALL, "-o", tmp_path / "v.html"
     )
     assert not (tmp_path / "v.html").exists()
 
@@ -154,14 +154,14 @@ def test_selected_webcam_is_restored_on_reload(browser, server):
     page.get_by_role("button", name="Webcam").click()
     page.wait_for_selector("#webcams:visible")
     first = page.evaluate("window.omnimirror.look.feed.device")
-    other = page.evaluate(
+    webcam = page.evaluate(
         "(d) => [...document.querySelector('#webcams').options].find((o) => o.value !== d).value",
         first,
     )
-    page.select_option("#webcams", other)
-    page.wait_for_function("(d) => window.omnimirror.look.feed.device === d", arg=other)
+    page.select_option("#webcams", webcam)
+    page.wait_for_function("(d) => window.omnimirror.look.feed.device === d", arg=webcam)
     assert command(page, 40, 30).startswith("omnimirror dewarp 1 ")
-    page.wait_for_function("(d) => location.hash.includes(d)", arg=other)
+    page.wait_for_function("(d) => location.hash.includes(d)", arg=webcam)
     name = page.evaluate("window.omnimirror.look.feed.name")
     page.reload()  # after which some browsers assign another identifier to the same camera
     page.wait_for_function("(n) => window.omnimirror?.look.feed?.name === n", arg=name)
@@ -173,7 +173,7 @@ def test_selected_webcam_is_restored_on_reload(browser, server):
 def test_denied_webcam_is_reported_and_image_remains(browser_without_camera, server, film):
     page = open_page(browser_without_camera, f"{server}#sensor=ball:280")
     page.set_input_files("#file", film)
-    shows(page, "ride.mp4")
+    wait_for_image(page, "ride.mp4")
     page.get_by_role("button", name="Webcam").click()
     page.wait_for_function(
         "document.querySelector('#banner').textContent.startsWith('Camera access was denied.')"
@@ -187,15 +187,15 @@ def test_recording_is_video_of_view(browser, server, film, tmp_path):
         browser, f"{server}#sensor=ball:280&mode=perspective&tilt=-60&hfov=40", 420, 380
     )
     page.set_input_files("#file", film)
-    shows(page, "ride.mp4")
+    wait_for_image(page, "ride.mp4")
     page.evaluate("window.omnimirror.look.feed.video.playbackRate = 4")
     page.get_by_role("button", name="Record").click()
     page.evaluate(COUNT_CHANGES)
     page.wait_for_function("window.changes > 8")
-    with page.expect_download() as saved:
+    with page.expect_download() as download:
         page.get_by_role("button", name="Stop recording").click()
-    path = tmp_path / saved.value.suggested_filename
-    saved.value.save_as(path)
+    path = tmp_path / download.value.suggested_filename
+    download.value.save_as(path)
     assert path.suffix == ".mp4"  # supported by this browser
     with av.open(str(path)) as video:
         frames = [f.to_ndarray(format="gray") for f in video.decode(video=0)]
@@ -219,17 +219,17 @@ def test_touch_gestures_zoom_and_pan(browser, server, film):
         reduced_motion="reduce",
     )
     page.set_input_files("#file", film)
-    shows(page, "ride.mp4")
+    wait_for_image(page, "ride.mp4")
     page.locator("#view").scroll_into_view_if_needed()
     box = page.locator("#view").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    fingers = page.context.new_cdp_session(page)
+    session = page.context.new_cdp_session(page)
 
-    def touch(kind: str, *places: tuple[float, float]) -> None:
-        points = [{"x": px, "y": py, "id": i} for i, (px, py) in enumerate(places)]
-        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    def touch(kind: str, *positions: tuple[float, float]) -> None:
+        points = [{"x": px, "y": py, "id": i} for i, (px, py) in enumerate(positions)]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
-    def now() -> dict:
+    def view_state() -> dict:
         return page.evaluate("window.omnimirror.store.state")
 
     touch("touchStart", (x - 20, y))
@@ -238,13 +238,13 @@ def test_touch_gestures_zoom_and_pan(browser, server, film):
     touch("touchMove", (x - 40, y), (x + 40, y))
     touch("touchEnd")
     half = np.degrees(2 * np.arctan(np.tan(np.radians(45)) / 2))  # magnified twice
-    assert now()["hfov"] == pytest.approx(half, abs=1.5)
-    assert now()["pan"] == pytest.approx(0, abs=0.5)
+    assert view_state()["hfov"] == pytest.approx(half, abs=1.5)
+    assert view_state()["pan"] == pytest.approx(0, abs=0.5)
     assert page.evaluate("visualViewport.scale") == 1  # the view is magnified, not the page
     touch("touchStart", (x, y))
     touch("touchMove", (x + 30, y))
     touch("touchEnd")
-    assert now()["pan"] < -2
+    assert view_state()["pan"] < -2
     page.context.close()
 
 
@@ -259,7 +259,7 @@ def test_lost_stream_is_reported_and_reopened(browser, tmp_path):
         serving(Studio(Sources([url], live=[url]))) as address,
     ):
         page = open_page(browser, f"{address}#sensor=ball:280")
-        shows(page, url)
+        wait_for_image(page, url)
         page.wait_for_function(
             f"document.querySelector('#banner').textContent.startsWith('{url} is disconnected')"
         )
@@ -272,7 +272,7 @@ def test_lost_stream_is_reported_and_reopened(browser, tmp_path):
 
 @pytest.mark.full
 def test_video_of_server_resumes_after_restart(browser, tmp_path):
-    studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4", 100))]))
+    studio = Studio(Sources([str(write_video(tmp_path / "ride.mp4", 100))]))
     with serving(studio) as address:
         page = open_page(browser, address)
         page.wait_for_function("window.omnimirror.look.feed?.name === 'ride.mp4'")

@@ -17,8 +17,8 @@ from omnimirror.apps.studio._uploads import encoded
 from omnimirror.io import read_image, write_image
 from tests.commands import fails, omnimirror
 
-from .browser import command, drawn, drop, look, open_page, serving
-from .pictures import pattern, psnr, python_view
+from .browser import command, drop, open_page, serving, set_state, view_pixels
+from .images import pattern, psnr, python_view
 
 WEB = Path(__file__).parents[3] / "web"
 AXE = WEB / "node_modules" / "axe-core" / "axe.min.js"
@@ -46,8 +46,8 @@ def room(tmp_path_factory) -> Path:
 @pytest.fixture
 def coarse_room(monkeypatch) -> None:
     """Render the demo room with one sample per pixel."""
-    taken = lambda known: om.render_image(known.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
-    monkeypatch.setattr(_look_routes, "render_room", lambda known: encoded(taken(known), ".png"))
+    render = lambda sensor: om.render_image(sensor.camera, om.Room(texel_mm=15.0), samples=1)  # noqa: E731
+    monkeypatch.setattr(_look_routes, "render_room", lambda sensor: encoded(render(sensor), ".png"))
 
 
 def state(page) -> dict:
@@ -60,17 +60,18 @@ def test_empty_page_offers_demo_room_with_correct_handedness(browser, server, ro
     page.get_by_role("button", name="Try the demo room").click()
     page.wait_for_function("window.omnimirror.look.feed")
     assert page.locator("#view").is_visible()
-    look(page, mode="perspective", hfov=70, tilt=8)
-    seen = cv2.cvtColor(drawn(page, 280, 210), cv2.COLOR_RGBA2GRAY)
+    set_state(page, mode="perspective", hfov=70, tilt=8)
+    pixels = cv2.cvtColor(view_pixels(page, 280, 210), cv2.COLOR_RGBA2GRAY)
     upright = om.Dewarper(
         om.load_sensor("paper-spherical"), om.screens.Plane((280, 210), 0, 8, 0, 70), "cubic"
     )
     sign = cv2.cvtColor(upright(read_image(room)), cv2.COLOR_RGB2GRAY)
-    straight, reversed_ = (
-        cv2.matchTemplate(seen, s, cv2.TM_CCOEFF_NORMED).max() for s in (sign, sign[:, ::-1].copy())
+    correct, mirrored = (
+        cv2.matchTemplate(pixels, s, cv2.TM_CCOEFF_NORMED).max()
+        for s in (sign, sign[:, ::-1].copy())
     )
-    assert straight > 0.95
-    assert straight > reversed_ + 0.1
+    assert correct > 0.95
+    assert correct > mirrored + 0.1
     assert page.problems == []
     page.context.close()
 
@@ -85,14 +86,14 @@ def test_view_controls_work_and_survive_reload(browser, server, room):
     page.mouse.down()
     page.mouse.move(x + 60, y + 30)
     page.mouse.up()
-    after = state(page)
-    assert after["pan"] < -5  # the centre moved to the right with the pointer
-    assert after["tilt"] > 2
+    view_state = state(page)
+    assert view_state["pan"] < -5  # the centre moved to the right with the pointer
+    assert view_state["tilt"] > 2
     page.mouse.wheel(0, -300)
-    page.wait_for_function(f"window.omnimirror.store.state.hfov < {after['hfov'] - 5}")
+    page.wait_for_function(f"window.omnimirror.store.state.hfov < {view_state['hfov'] - 5}")
     page.locator("#view").focus()
     page.keyboard.press("ArrowRight")
-    assert state(page)["pan"] > after["pan"]
+    assert state(page)["pan"] > view_state["pan"]
     page.keyboard.press("3")
     assert state(page)["mode"] == "dome"
     page.keyboard.press("2")
@@ -104,9 +105,11 @@ def test_view_controls_work_and_survive_reload(browser, server, room):
         position={"x": box["width"] * 0.8, "y": box["height"] * 0.5}
     )  # left of the room
     rays = om.load_sensor("paper-spherical").backproject([[1024 * 0.8 - 0.5, 511.5]])
-    ahead = rays.directions[0]
-    assert state(page)["pan"] == pytest.approx(np.degrees(np.arctan2(-ahead[1], ahead[0])), abs=1)
-    assert state(page)["tilt"] == pytest.approx(np.degrees(np.arcsin(ahead[2])), abs=1)
+    direction = rays.directions[0]
+    assert state(page)["pan"] == pytest.approx(
+        np.degrees(np.arctan2(-direction[1], direction[0])), abs=1
+    )
+    assert state(page)["tilt"] == pytest.approx(np.degrees(np.arcsin(direction[2])), abs=1)
 
     before = state(page)
     page.wait_for_function(
@@ -119,7 +122,7 @@ def test_view_controls_work_and_survive_reload(browser, server, room):
     page.context.close()
 
 
-def in_the_loupe(page, x: int, y: int) -> np.ndarray:
+def loupe_pixels(page, x: int, y: int) -> np.ndarray:
     """Return the colour (3,) at a screen offset from the loupe centre, magnified four times."""
     script = """([x, y]) => {
       const loupe = document.querySelector(".loupe");
@@ -137,11 +140,11 @@ def test_circle_is_fitted_by_dragging_handles(browser, server, tmp_path):
     drop(page, tmp_path / "other.png")
     page.get_by_role("button", name="Fit circle").click()
     page.wait_for_selector("#overlay .handle")
-    place = "([u, v]) => { const p = new DOMPoint(u, v).matrixTransform(document.querySelector('#overlay').getScreenCTM()); return [p.x, p.y]; }"  # noqa: E501
-    page.mouse.move(*page.evaluate(place, [249.5, 199.5]))
+    to_screen = "([u, v]) => { const p = new DOMPoint(u, v).matrixTransform(document.querySelector('#overlay').getScreenCTM()); return [p.x, p.y]; }"  # noqa: E501
+    page.mouse.move(*page.evaluate(to_screen, [249.5, 199.5]))
     page.mouse.down()
-    page.mouse.move(*page.evaluate(place, [279.5, 189.5]))
-    assert np.abs(in_the_loupe(page, 12, 20) - pattern((500, 400))[193, 282]).max() < 8
+    page.mouse.move(*page.evaluate(to_screen, [279.5, 189.5]))
+    assert np.abs(loupe_pixels(page, 12, 20) - pattern((500, 400))[193, 282]).max() < 8
     page.mouse.up()
     assert page.locator(".loupe").is_hidden()
     u, v, radius = state(page)["rim"]
@@ -157,13 +160,13 @@ def test_circle_is_fitted_by_dragging_handles(browser, server, tmp_path):
 def test_circle_is_detected_with_one_click(browser, server, tmp_path):
     """Image of another size than the sensor's, off its centre."""
     v, u = np.mgrid[:480, :700]
-    turn = np.arctan2(v - 215, u - 390)
-    disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * turn)), 12)
+    azimuth = np.arctan2(v - 215, u - 390)
+    disc = np.where(np.hypot(u - 390, v - 215) < 180, 120 + 80 * np.sign(np.sin(11 * azimuth)), 12)
     write_image(tmp_path / "off.png", disc.astype(np.uint8))
     page = open_page(browser, server, 1000, 900)
     drop(page, tmp_path / "off.png")
     page.get_by_text("The mirror was detected").wait_for()
-    look(page, rim=None)
+    set_state(page, rim=None)
     page.get_by_text("is assumed: fit the circle").wait_for()
     page.get_by_role("button", name="Detect circle").click()
     page.get_by_text("Circle detected; confidence 9").wait_for()
@@ -213,19 +216,21 @@ def test_files_named_by_command_exist_or_are_offered(browser, server, coarse_roo
     page = open_page(browser, f"{server}#source=room")
     page.wait_for_selector("#command:visible")
     assert "save circle.png first" in page.locator("#command-title").inner_text()
-    with page.expect_download() as saved:
+    with page.expect_download() as download:
         page.get_by_role("button", name="Save image").click()
-    saved.value.save_as(tmp_path / saved.value.suggested_filename)
-    look(page, mode="perspective", hfov=60)
+    download.value.save_as(tmp_path / download.value.suggested_filename)
+    set_state(page, mode="perspective", hfov=60)
     line = command(page, 96, 72)
     run = omnimirror(*shlex.split(line)[1:], cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    written, seen = read_image(tmp_path / "perspective.png"), drawn(page, 96, 72)
-    assert psnr(seen[..., :3], written[..., :3], (seen[..., 3] > 0) & (written[..., 3] > 0)) > 40
+    expected, pixels = read_image(tmp_path / "perspective.png"), view_pixels(page, 96, 72)
+    assert (
+        psnr(pixels[..., :3], expected[..., :3], (pixels[..., 3] > 0) & (expected[..., 3] > 0)) > 40
+    )
     write_image(tmp_path / "--output=x.png", pattern((64, 64)))
     drop(page, tmp_path / "--output=x.png")
-    words = shlex.split(command(page, 96, 72))
-    assert words[2] == "./--output=x.png"
+    arguments = shlex.split(command(page, 96, 72))
+    assert arguments[2] == "./--output=x.png"
     page.get_by_role(
         "button", name="Save sensor file"
     ).wait_for()  # the same sensor with a smaller imager
@@ -249,10 +254,10 @@ def test_server_images_have_relative_paths(browser, tmp_path, monkeypatch):
 
 
 def test_cameras_of_server_are_selectable_and_linked(browser, tmp_path):
-    pictures = [str(tmp_path / f"{name}.png") for name in ("door", "yard", "hall")]
-    for grey, path in zip((60, 120, 180), pictures, strict=True):
+    files = [str(tmp_path / f"{name}.png") for name in ("door", "yard", "hall")]
+    for grey, path in zip((60, 120, 180), files, strict=True):
         write_image(path, np.full((300, 300, 3), grey, np.uint8))
-    with serving(Studio(Sources([*pictures, pictures[0]]))) as address:
+    with serving(Studio(Sources([*files, files[0]]))) as address:
         page = open_page(browser, f"{address}#sensor=ball:280")
         page.wait_for_function("window.omnimirror.look.feed?.name === 'door.png'")
         assert page.locator("#sources option").all_inner_texts()[-3:] == [
@@ -274,11 +279,11 @@ def test_minified_view_matches_command_line(distance, browser, server, room, tmp
     drop(page, room)
     (tmp_path / "circle.png").write_bytes(room.read_bytes())
     for mode in ("panorama", "dome", "ground", "perspective"):
-        look(page, mode=mode, hfov=120, distance=distance or float("inf"))
-        straight = python_view(command(page, 240, 180), tmp_path)
-        seen, wanted = drawn(page, 240, 180), straight(read_image(room))
-        both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
-        assert psnr(seen[..., :3], wanted, both) > 40, mode
+        set_state(page, mode=mode, hfov=120, distance=distance or float("inf"))
+        dewarper = python_view(command(page, 240, 180), tmp_path)
+        pixels, expected = view_pixels(page, 240, 180), dewarper(read_image(room))
+        both = (pixels[..., 3] > 0) & (expected.max(axis=-1) > 0)
+        assert psnr(pixels[..., :3], expected, both) > 40, mode
     page.context.close()
 
 
@@ -286,19 +291,24 @@ def test_snapshot_contains_equivalent_command(browser, server, room, tmp_path):
     page = open_page(browser, f"{server}#mode=perspective&pan=35&tilt=-12&hfov=45")
     drop(page, room)
     page.wait_for_selector("#view:visible")
-    with page.expect_download() as saved:
+    with page.expect_download() as download:
         page.get_by_role("button", name="Snapshot").click()
-    saved.value.save_as(tmp_path / "snapshot.png")
+    download.value.save_as(tmp_path / "snapshot.png")
     data = (tmp_path / "snapshot.png").read_bytes()
-    at = data.index(b"iTXtComment")
-    (length,) = struct.unpack(">I", data[at - 4 : at])
-    line = data[at + 4 : at + 4 + length].split(b"\0")[-1].decode()
+    offset = data.index(b"iTXtComment")
+    (length,) = struct.unpack(">I", data[offset - 4 : offset])
+    line = data[offset + 4 : offset + 4 + length].split(b"\0")[-1].decode()
     (tmp_path / "circle.png").write_bytes(room.read_bytes())
     run = omnimirror(*shlex.split(line)[1:], cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    mine, theirs = read_image(tmp_path / "snapshot.png"), read_image(tmp_path / "perspective.png")
-    assert mine.shape == theirs.shape
-    assert psnr(mine[..., :3], theirs[..., :3], (mine[..., 3] > 0) & (theirs[..., 3] > 0)) > 38
+    result, expected = (
+        read_image(tmp_path / "snapshot.png"),
+        read_image(tmp_path / "perspective.png"),
+    )
+    assert result.shape == expected.shape
+    assert (
+        psnr(result[..., :3], expected[..., :3], (result[..., 3] > 0) & (expected[..., 3] > 0)) > 38
+    )
     page.context.close()
 
 
@@ -311,10 +321,12 @@ def test_displayed_commands_reproduce_views(mode, browser, server, tmp_path):
     page.wait_for_selector("#view:visible")
     run = omnimirror(*shlex.split(command(page, 320, 240))[1:], cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    seen, written = drawn(page, 320, 240), read_image(tmp_path / f"{mode}.png")
-    assert seen.shape == written.shape
-    assert ((seen[..., 3] > 0) != (written[..., 3] > 0)).mean() < 0.002
-    assert psnr(seen[..., :3], written[..., :3], (seen[..., 3] > 0) & (written[..., 3] > 0)) > 40
+    pixels, expected = view_pixels(page, 320, 240), read_image(tmp_path / f"{mode}.png")
+    assert pixels.shape == expected.shape
+    assert ((pixels[..., 3] > 0) != (expected[..., 3] > 0)).mean() < 0.002
+    assert (
+        psnr(pixels[..., :3], expected[..., :3], (pixels[..., 3] > 0) & (expected[..., 3] > 0)) > 40
+    )
     page.context.close()
 
 
@@ -356,10 +368,10 @@ def test_standalone_viewer_matches_command_line(browser, room, tmp_path):
     (tmp_path / "circle.png").write_bytes(room.read_bytes())
     line = command(page, 200, 150)
     assert "--camera-looks down" in line
-    wanted = python_view(line, tmp_path)(read_image(room))
-    seen = drawn(page, 200, 150)
-    both = (seen[..., 3] > 0) & (wanted.max(axis=-1) > 0)
-    assert psnr(seen[..., :3], wanted, both) > 40
+    expected = python_view(line, tmp_path)(read_image(room))
+    pixels = view_pixels(page, 200, 150)
+    both = (pixels[..., 3] > 0) & (expected.max(axis=-1) > 0)
+    assert psnr(pixels[..., :3], expected, both) > 40
     assert not page.get_by_role("button", name="Webcam").is_visible()
     assert not page.get_by_role("button", name="Design").is_visible()
     assert page.problems == []
@@ -385,11 +397,11 @@ def test_page_respects_content_security_policy(browser, server):
     """Under the content security policy, no function of the page is blocked."""
     context = browser.new_context()
     page = context.new_page()
-    said = []
-    page.on("console", lambda m: said.append(m.text))
+    messages = []
+    page.on("console", lambda m: messages.append(m.text))
     page.goto(server)
     page.get_by_text("Elevation -90").wait_for()
-    assert [text for text in said if "Content Security Policy" in text] == []
+    assert [text for text in messages if "Content Security Policy" in text] == []
     context.close()
 
 
@@ -398,23 +410,23 @@ def test_narrow_page_has_no_overflow(browser, server, room):
     page = open_page(browser, server, 360, 740, device_scale_factor=1)
     header = page.locator("header")
     for mode in ("panorama", "perspective", "ground", "mosaic"):
-        look(page, mode=mode)
+        set_state(page, mode=mode)
         assert page.evaluate("document.scrollingElement.scrollWidth") == 360, mode
         assert header.bounding_box()["height"] < 100  # two rows
         if mode == "panorama":
             drop(page, room)
             page.get_by_role("button", name="Fit circle").click()
-    look(page, sensor="ball:300")
+    set_state(page, sensor="ball:300")
     page.wait_for_selector("#ball-row:visible")
-    look(page, tab="design")
+    set_state(page, tab="design")
     page.wait_for_selector("#design .compare tbody td")
     assert header.bounding_box()["height"] < 100
     page.get_by_role("button", name="Download").click()
     assert page.get_by_role("button", name="Drawing (PDF)").is_visible()
-    look(page, tab="look")
-    ever = ":is(main, header) [hidden]:not([type=file])"
+    set_state(page, tab="look")
+    selector = ":is(main, header) [hidden]:not([type=file])"
     page.evaluate(
-        "(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", ever
+        "(ever) => document.querySelectorAll(ever).forEach((e) => (e.hidden = false))", selector
     )
     assert (
         page.evaluate("document.scrollingElement.scrollWidth") == 360
@@ -439,11 +451,11 @@ def test_accessibility(is_empty, scheme, browser, server, room):
         drop(page, room)
         page.get_by_role("button", name="Fit circle").click()
     page.add_script_tag(path=AXE)
-    found = page.evaluate(
+    violations = page.evaluate(
         "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
     )
     serious = {
-        v["id"]: v["nodes"][0]["html"] for v in found if v["impact"] in ("serious", "critical")
+        v["id"]: v["nodes"][0]["html"] for v in violations if v["impact"] in ("serious", "critical")
     }
     assert serious == {}
     page.context.close()

@@ -11,14 +11,14 @@ import omnimirror as om
 from omnimirror.io import write_image
 from omnimirror.optics.sensor_files import save_sensor
 
-from .browser import drawn, drop, look, open_page
-from .pictures import pattern
-from .test_bench_page import NOW, WITHOUT_PICTURES
+from .browser import drop, open_page, set_state, view_pixels
+from .images import pattern
+from .test_bench_page import CURRENT_DESIGN, WITHOUT_IMAGES
 
 STATE = {"mode": "perspective", "pan": 35, "tilt": -12, "hfov": 55, "rim": [250.0, 190.0, 150.0]}
 
 
-def opened(page, name: str) -> None:
+def wait_for_image(page, name: str) -> None:
     page.wait_for_function(f"window.omnimirror?.look.feed?.name === {name!r}")
     page.wait_for_selector("#view:visible")
 
@@ -30,11 +30,11 @@ def project(browser, server, tmp_path_factory):
     write_image(folder / "hall.png", pattern((500, 400)))
     save_sensor(om.load_sensor("paper-hyperboloidal"), folder / "mine.toml")
     page = open_page(browser, server, 900, 700)
-    page.add_init_script(WITHOUT_PICTURES)
+    page.add_init_script(WITHOUT_IMAGES)
     page.set_input_files("#calibration", folder / "mine.toml")
     page.wait_for_function("window.omnimirror.store.state.sensor.startsWith('file:')")
     drop(page, folder / "hall.png")
-    look(page, **STATE)
+    set_state(page, **STATE)
     page.get_by_role("button", name="Store view").click()
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_selector("#design .compare tbody td")
@@ -43,13 +43,13 @@ def project(browser, server, tmp_path_factory):
         "5.5"
     )  # without pressing a key
     page.locator("#tabs").get_by_role("button", name="Look").click()
-    opened(page, "hall.png")
-    pixels = drawn(page, 160, 120)
+    wait_for_image(page, "hall.png")
+    pixels = view_pixels(page, 160, 120)
     page.get_by_role("button", name="Project").click()
-    with page.expect_download() as saved:
+    with page.expect_download() as download:
         page.get_by_role("button", name="Save project").click()
-    assert saved.value.suggested_filename == "hall.omnimirror"
-    saved.value.save_as(folder / "hall.omnimirror")
+    assert download.value.suggested_filename == "hall.omnimirror"
+    download.value.save_as(folder / "hall.omnimirror")
     state = page.evaluate("window.omnimirror.store.state")
     assert page.problems == []
     page.context.close()
@@ -60,28 +60,30 @@ def test_project_reproduces_pixels_on_another_page(project, browser, server):
     path, pixels, state = project
     page = open_page(browser, server, 900, 700)
     page.set_input_files("#file", path)  # opened or dropped like an image
-    opened(page, "hall.png")
-    found = page.evaluate("window.omnimirror.store.state")
-    assert {**found, "design": ""} == {**state, "design": ""}
-    np.testing.assert_array_equal(drawn(page, 160, 120), pixels)
+    wait_for_image(page, "hall.png")
+    result = page.evaluate("window.omnimirror.store.state")
+    assert {**result, "design": ""} == {**state, "design": ""}
+    np.testing.assert_array_equal(view_pixels(page, 160, 120), pixels)
     page.get_by_role("button", name="Design", exact=True).click()
     page.wait_for_selector("#design .compare tbody td")
-    assert page.evaluate(f"{NOW}.tables.lens.f_number") == 5.5
+    assert page.evaluate(f"{CURRENT_DESIGN}.tables.lens.f_number") == 5.5
     page.get_by_role("button", name="Unpin").wait_for()
     page.get_by_role("button", name="Undo", exact=True).click()
-    assert page.evaluate(f"{NOW}.tables.lens.f_number") == 4
+    assert page.evaluate(f"{CURRENT_DESIGN}.tables.lens.f_number") == 4
     assert page.problems == []
     page.context.close()
 
 
 def test_invalid_project_files_are_rejected(browser, server, tmp_path):
     page = open_page(browser, server, 900, 700)
-    for text, said in (
+    for text, message in (
         ("[mirror]", "The file must be a project file"),
         (json.dumps({"kind": "omnimirror project", "state": "", "version": 7}), "has version 7"),
     ):
         (tmp_path / "x.omnimirror").write_text(text)
         page.set_input_files("#project-file", tmp_path / "x.omnimirror")
-        page.wait_for_function(f"document.querySelector('#banner').textContent.includes({said!r})")
+        page.wait_for_function(
+            f"document.querySelector('#banner').textContent.includes({message!r})"
+        )
     assert page.evaluate("window.omnimirror.look.feed") is None
     page.context.close()

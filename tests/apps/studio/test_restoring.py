@@ -18,8 +18,8 @@ from omnimirror.apps.studio.app import create_app
 from omnimirror.io import write_image
 from omnimirror.optics.sensor_files import save_sensor
 
-from .browser import BASE64, _values, drop, look, open_page
-from .pictures import psnr, python_view
+from .browser import BASE64, _values, drop, open_page, set_state
+from .images import psnr, python_view
 
 SENSOR = om.load_sensor("paper-spherical")
 SMALL = replace(
@@ -32,7 +32,7 @@ SMALL = replace(
 
 
 @pytest.fixture(scope="module")
-def picture() -> np.ndarray:
+def image() -> np.ndarray:
     rng = np.random.default_rng(3)
     sharp = cv2.resize(
         rng.integers(0, 255, (32, 32, 3), np.uint8), (192, 192), interpolation=cv2.INTER_NEAREST
@@ -41,17 +41,17 @@ def picture() -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def restored(picture) -> np.ndarray:
+def restored(image) -> np.ndarray:
     """Restore an image by the library."""
-    return om.restore(SMALL, picture)
+    return om.restore(SMALL, image)
 
 
 @pytest.mark.full
-def test_server_restoration_matches_library(picture, restored, tmp_path):
+def test_server_restoration_matches_library(image, restored, tmp_path):
     save_sensor(SMALL, tmp_path / "small.toml")
     with TestClient(create_app(), base_url="http://127.0.0.1") as client:
         entry = client.post("/api/sensors", content=(tmp_path / "small.toml").read_bytes()).json()
-        ask = {
+        body = {
             "id": entry["id"],
             "mount": entry["mount"],
             "image_size": [192, 192],
@@ -60,53 +60,53 @@ def test_server_restoration_matches_library(picture, restored, tmp_path):
             "rim_radius_px": SMALL.rim_radius_px,
             "object_distance_mm": None,
         }
-        png = cv2.imencode(".png", picture[..., ::-1])[1].tobytes()
+        png = cv2.imencode(".png", image[..., ::-1])[1].tobytes()
 
-        def asked(**change):
-            text = json.dumps({**ask, **change}).encode()
+        def post(**changes):
+            text = json.dumps({**body, **changes}).encode()
             return client.post("/api/restore", content=struct.pack("<I", len(text)) + text + png)
 
-        answer = asked()
+        answer = post()
         assert answer.status_code == 200, answer.text
-        found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
-        assert np.abs(restored.astype(int) - picture).max() > 8
-        assert np.abs(found.astype(int) - restored).max() <= 1
+        result = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        assert np.abs(restored.astype(int) - image).max() > 8
+        assert np.abs(result.astype(int) - restored).max() <= 1
         assert answer.headers["omnimirror-note"].startswith("restored with noise of")
-        stopped = io.BytesIO()
+        file = io.BytesIO()
         exif = Image.Exif()
         exif[0x010F] = "Maker"
         exif.get_ifd(0x8769)[0x829D] = 0.6
-        Image.fromarray(picture).save(stopped, "PNG", exif=exif)
-        png = stopped.getvalue()
-        answer = asked()
+        Image.fromarray(image).save(file, "PNG", exif=exif)
+        png = file.getvalue()
+        answer = post()
         assert (
             "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed"
             in answer.headers["omnimirror-note"]
         )
-        found = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
-        half = om.restore(replace(SMALL, lens=replace(SMALL.lens, f_number=0.6)), picture)
+        result = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        half = om.restore(replace(SMALL, lens=replace(SMALL.lens, f_number=0.6)), image)
         assert (
-            5 * np.abs(found.astype(int) - half).mean()
-            < np.abs(found.astype(int) - restored).mean()
+            5 * np.abs(result.astype(int) - half).mean()
+            < np.abs(result.astype(int) - restored).mean()
         )
-        converted = client.post("/api/convert", content=png, params={"name": "p.png"}).content
-        assert Image.open(io.BytesIO(converted)).getexif().get_ifd(0x8769)[0x829D] == 0.6
-        assert asked(id="ball:300").status_code == 400
-        assert asked(image_size=[100, 100]).status_code == 400
-        assert asked(id="nope").status_code == 404
+        converted_png = client.post("/api/convert", content=png, params={"name": "p.png"}).content
+        assert Image.open(io.BytesIO(converted_png)).getexif().get_ifd(0x8769)[0x829D] == 0.6
+        assert post(id="ball:300").status_code == 400
+        assert post(image_size=[100, 100]).status_code == 400
+        assert post(id="nope").status_code == 404
 
 
 def test_given_and_restored_image_are_shown_side_by_side(
-    browser, server, picture, restored, tmp_path
+    browser, server, image, restored, tmp_path
 ):
     save_sensor(SMALL, tmp_path / "small.toml")
-    write_image(tmp_path / "p.png", picture)
+    write_image(tmp_path / "p.png", image)
     page = open_page(browser, server, 1000, 800, reduced_motion="reduce")
     restore = page.get_by_role("button", name="Restore")
     page.set_input_files("#calibration", tmp_path / "small.toml")
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.name === 'small'")
     drop(page, tmp_path / "p.png")
-    look(page, mode="dome")
+    set_state(page, mode="dome")
     page.wait_for_selector("#restore[aria-disabled=false]")
     restore.click()
     page.locator("#wiper").wait_for(state="visible")
@@ -119,19 +119,19 @@ def test_given_and_restored_image_are_shown_side_by_side(
       const {{ data }} = copy.getImageData(0, 0, canvas.width, canvas.height);
       return {{ size: [canvas.width, canvas.height], values: ({BASE64})(data) }};
     }}"""
-    seen = _values(page.evaluate(script), np.uint8)
-    side = seen.shape[0]
+    pixels = _values(page.evaluate(script), np.uint8)
+    side = pixels.shape[0]
     line = page.locator("#command-line").inner_text()
     assert f"--size {side}x{side}" in line
-    straight = python_view(line, tmp_path)
-    wanted = [straight(p) for p in (picture, restored)]
-    both = (seen[..., 3] > 0) & (wanted[0].max(axis=-1) > 0)
-    at = np.arange(side)
-    left, right = both & (at < 0.25 * side - 1), both & (at > 0.25 * side + 1)
-    assert psnr(seen[..., :3], wanted[0], left) > 40
-    assert psnr(seen[..., :3], wanted[1], right) > 40
-    assert psnr(seen[..., :3], wanted[1], right) > psnr(seen[..., :3], wanted[0], right) + 5
-    look(page, sensor="ball:300")
+    dewarper = python_view(line, tmp_path)
+    expected = [dewarper(p) for p in (image, restored)]
+    both = (pixels[..., 3] > 0) & (expected[0].max(axis=-1) > 0)
+    columns = np.arange(side)
+    left, right = both & (columns < 0.25 * side - 1), both & (columns > 0.25 * side + 1)
+    assert psnr(pixels[..., :3], expected[0], left) > 40
+    assert psnr(pixels[..., :3], expected[1], right) > 40
+    assert psnr(pixels[..., :3], expected[1], right) > psnr(pixels[..., :3], expected[0], right) + 5
+    set_state(page, sensor="ball:300")
     page.wait_for_function("document.querySelector('#wiper').hidden")
     restore.click(force=True)
     page.get_by_role("status").filter(has_text="requires a sensor with known mirror").wait_for()

@@ -53,7 +53,7 @@ from omnimirror.optics.sensor_files import tables_of
 from tests.serving import in_a_loop
 
 from .browser import open_page, serving
-from .test_bench_page import WITHOUT_PICTURES
+from .test_bench_page import WITHOUT_IMAGES
 
 LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"
@@ -72,7 +72,7 @@ def client():
 # -----------------------------------------------------------------------------
 
 
-def spies(path: str) -> list[dict]:
+def file_naming_tables(path: str) -> list[dict]:
     """Return tables of sensors and requirements that name a file, at all possible positions."""
     mirrors = [{"kind": kind, entry: path, "theta_max_deg": 12.0} for kind, entry in FILES]
     folded = tables_of(om.load_sensor("folded-spherical"))
@@ -88,32 +88,37 @@ def spies(path: str) -> list[dict]:
     ]
 
 
-def answers(client: TestClient, tables: dict) -> list[str]:
+def upload_responses(client: TestClient, tables: dict) -> list[str]:
     """Return the server responses to tables, by every upload route."""
-    wanted = tables if "field" in tables else {}
-    on, distance = {"tables": SPHERE if wanted else tables}, {"object_distance_mm": None}
-    questions = {
-        "requirements": {**on, "requirements": wanted},
-        "file": {**on, **distance, "kind": "sensor"},
-        "image": {**on, "width_px": 32, "samples": 1},
-        "change": {**on, **distance, "target": "mirror", "to": "cone"},
+    requirements = tables if "field" in tables else {}
+    tables_body, distance = (
+        {"tables": SPHERE if requirements else tables},
+        {"object_distance_mm": None},
+    )
+    bodies = {
+        "requirements": {**tables_body, "requirements": requirements},
+        "file": {**tables_body, **distance, "kind": "sensor"},
+        "image": {**tables_body, "width_px": 32, "samples": 1},
+        "change": {**tables_body, **distance, "target": "mirror", "to": "cone"},
     }
-    said = [
-        client.post(way, content=tomli_w.dumps(tables)).text
-        for way in ("/api/sensors", "/api/bench/open")
+    responses = [
+        client.post(route, content=tomli_w.dumps(tables)).text
+        for route in ("/api/sensors", "/api/bench/open")
     ]
-    asked = ("requirements",) if wanted else questions
-    said += [client.post(f"/api/bench/{way}", json=questions[way]).text for way in asked]
+    routes = ("requirements",) if requirements else bodies
+    responses += [client.post(f"/api/bench/{route}", json=bodies[route]).text for route in routes]
     with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
-        plain = {
+        defaults = {
             "slot": 0,
             "number": 1,
             "follows_mapping": False,
             "include_section": False,
             "include_squares": False,
         }
-        socket.send_json({**plain, **on, **distance, "requirements": wanted or None})
-        said.append(str(socket.receive()))
+        socket.send_json(
+            {**defaults, **tables_body, **distance, "requirements": requirements or None}
+        )
+        responses.append(str(socket.receive()))
     search = {
         "kind": "design",
         "merit": "worst_blur_deg",
@@ -122,10 +127,10 @@ def answers(client: TestClient, tables: dict) -> list[str]:
         "starts": 1,
     }
     perform(
-        SearchTask(**search, **on, **distance, requirements=wanted or None),
-        lambda news: said.append(news.message),
+        SearchTask(**search, **tables_body, **distance, requirements=requirements or None),
+        lambda message: responses.append(message.message),
     )
-    return said
+    return responses
 
 
 def test_every_entry_that_names_a_file_is_tested():
@@ -133,18 +138,18 @@ def test_every_entry_that_names_a_file_is_tested():
     assert set(MIRRORS) <= set(SECONDARIES)
 
 
-@pytest.mark.parametrize("number", range(len(spies(""))))
+@pytest.mark.parametrize("number", range(len(file_naming_tables(""))))
 def test_server_opens_no_file_named_by_an_upload(number, client, tmp_path):
     """Responses are equal for a file with columns, an invalid file, a missing file, a folder, and a
     pipe."""
     (tmp_path / "columns").write_text(f"{SECRET}\n" * 9)
     (tmp_path / "words").write_text("secret words")
     os.mkfifo(tmp_path / "pipe")  # opening it blocks
-    places = [str(tmp_path / name) for name in ("columns", "words", "absent", ".", "pipe")]
-    said = [answers(client, spies(place)[number]) for place in places]
+    paths = [str(tmp_path / name) for name in ("columns", "words", "absent", ".", "pipe")]
+    responses = [upload_responses(client, file_naming_tables(path)[number]) for path in paths]
     same = [
-        [text.replace(place, "PLACE") for text in texts]
-        for place, texts in zip(places, said, strict=True)
+        [text.replace(path, "PLACE") for text in texts]
+        for path, texts in zip(paths, responses, strict=True)
     ]
     assert same.count(same[0]) == len(same)
     assert "must not name a file" in "".join(same[0])
@@ -167,7 +172,7 @@ def test_command_line_reads_files_beside_sensor_file(tmp_path):
 
 def test_requests_are_within_accepted_size(client):
     """Limit of the announced length."""
-    huge = b" " * (MAX_MESSAGE_BYTES + 1)
+    content = b" " * (MAX_MESSAGE_BYTES + 1)
     for path in (
         "/api/bench/change",
         "/api/bench/file",
@@ -175,7 +180,7 @@ def test_requests_are_within_accepted_size(client):
         "/api/sensor-file",
         "/api/sensors",
     ):
-        answer = client.post(path, content=huge, headers={"content-type": "application/json"})
+        answer = client.post(path, content=content, headers={"content-type": "application/json"})
         assert (answer.status_code, "must be at most 1 MB" in answer.json()["detail"]) == (
             413,
             True,
@@ -184,13 +189,13 @@ def test_requests_are_within_accepted_size(client):
 
 async def status_of(bounded: limits.RequestLimits, receive, name: str = "") -> int:
     """Return the response status of a request without an announced length."""
-    said: list = []
+    sent_messages: list = []
 
     async def send(message):
-        said.append(message)
+        sent_messages.append(message)
 
     await bounded({"type": "http", "name": name, "path": "/", "headers": []}, receive, send)
-    return said[0]["status"]
+    return sent_messages[0]["status"]
 
 
 def test_bounds_agree_with_documentation():
@@ -222,22 +227,22 @@ def test_bounds_agree_with_documentation():
 def test_excessive_announced_length_is_rejected_unread(headers, is_refused):
     """Exact to the byte, for the header of that name only; without a valid length the chunks are
     counted."""
-    said, reads = [], []
+    messages, reads = [], []
 
     async def receive():
         reads.append(1)
         return {"type": "http.request", "body": bytes(1000), "more_body": False}
 
     async def send(message):
-        said.append(message)
+        messages.append(message)
 
-    bounded = limits.RequestLimits(reads_and_answers, {"/large": 1000})
+    bounded = limits.RequestLimits(read_and_respond, {"/large": 1000})
     in_a_loop(bounded({"type": "http", "path": "/large", "headers": headers}, receive, send))
-    assert said[0]["status"] == (413 if is_refused else 200)
+    assert messages[0]["status"] == (413 if is_refused else 200)
     assert bool(reads) != is_refused
     assert bounded.pending_bytes == 0
     if is_refused:
-        assert dict(said[0]["headers"])[b"connection"] == b"close"
+        assert dict(messages[0]["headers"])[b"connection"] == b"close"
 
 
 @pytest.mark.parametrize(
@@ -250,19 +255,19 @@ def test_size_of_pieces_is_exact(pieces, status):
         size = left.pop(0)
         return {"type": "http.request", "body": bytes(size), "more_body": bool(left)}
 
-    bounded = limits.RequestLimits(reads_and_answers, {"/": 1000})
+    bounded = limits.RequestLimits(read_and_respond, {"/": 1000})
     assert in_a_loop(status_of(bounded, receive)) == status
     assert bounded.pending_bytes == 0
 
 
-@pytest.mark.parametrize(("held", "status"), [(1000, 200), (999, 503)])
-def test_room_of_server_is_exact(held, status, monkeypatch):
-    monkeypatch.setattr(limits, "MAX_PENDING_BYTES", held)
+@pytest.mark.parametrize(("max_bytes", "status"), [(1000, 200), (999, 503)])
+def test_room_of_server_is_exact(max_bytes, status, monkeypatch):
+    monkeypatch.setattr(limits, "MAX_PENDING_BYTES", max_bytes)
 
     async def receive():
         return {"type": "http.request", "body": bytes(1000), "more_body": False}
 
-    assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), receive)) == status
+    assert in_a_loop(status_of(limits.RequestLimits(read_and_respond, {}), receive)) == status
 
 
 def test_end_of_complete_request_has_no_time_limit(monkeypatch):
@@ -294,26 +299,26 @@ def test_fast_uploads_may_exceed_grace_period(monkeypatch):
         size = pieces.pop(0)
         return {"type": "http.request", "body": bytes(size), "more_body": bool(pieces)}
 
-    assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), receive)) == 200
+    assert in_a_loop(status_of(limits.RequestLimits(read_and_respond, {}), receive)) == 200
 
 
 def test_other_connections_are_unchanged():
-    passed = []
+    connections = []
 
     async def app(*connection):
-        passed.append(connection)
+        connections.append(connection)
 
     connection = ({"type": "websocket", "path": "/"}, object(), object())
     in_a_loop(limits.RequestLimits(app, {})(*connection))
-    assert passed == [connection]
+    assert connections == [connection]
 
 
-async def reads_and_answers(scope, receive, send):
-    await reads_all(scope, receive, send)
+async def read_and_respond(scope, receive, send):
+    await read_body(scope, receive, send)
     await Response("taken")(scope, receive, send)
 
 
-async def reads_all(scope, receive, send):
+async def read_body(scope, receive, send):
     while (await receive()).get("more_body"):
         pass
 
@@ -322,7 +327,7 @@ def test_endless_pieces_are_stopped():
     async def endless():
         return {"type": "http.request", "body": bytes(1 << 16), "more_body": True}
 
-    assert in_a_loop(status_of(limits.RequestLimits(reads_all, {}), endless)) == 413
+    assert in_a_loop(status_of(limits.RequestLimits(read_body, {}), endless)) == 413
 
 
 def test_requests_together_stay_within_memory_limit(monkeypatch):
@@ -330,14 +335,14 @@ def test_requests_together_stay_within_memory_limit(monkeypatch):
     second has ended."""
     monkeypatch.setattr(limits, "MAX_PENDING_BYTES", 1500)
 
-    async def both():
-        first_came, go_on = asyncio.Event(), asyncio.Event()
+    async def run_requests():
+        is_started, is_released = asyncio.Event(), asyncio.Event()
 
         async def app(scope, receive, send):
             body = (await receive())["body"]
-            first_came.set()
+            is_started.set()
             if scope["name"] == "first":
-                await go_on.wait()
+                await is_released.wait()
             await Response(str(len(body)))(scope, receive, send)
 
         async def receive():
@@ -345,12 +350,12 @@ def test_requests_together_stay_within_memory_limit(monkeypatch):
 
         bounded = limits.RequestLimits(app, {"/": 1000})
         first = asyncio.create_task(status_of(bounded, receive, "first"))
-        await first_came.wait()
-        refused = await status_of(bounded, receive)
-        go_on.set()
-        return refused, await first, await status_of(bounded, receive)
+        await is_started.wait()
+        second_status = await status_of(bounded, receive)
+        is_released.set()
+        return second_status, await first, await status_of(bounded, receive)
 
-    assert in_a_loop(both()) == (503, 200, 200)
+    assert in_a_loop(run_requests()) == (503, 200, 200)
 
 
 @pytest.mark.parametrize("pause_s", [0.01, 1.0])
@@ -362,7 +367,7 @@ def test_slowly_sent_requests_are_abandoned(pause_s, monkeypatch):
         await asyncio.sleep(pause_s)
         return {"type": "http.request", "body": b"x", "more_body": pause_s < 1}
 
-    assert in_a_loop(status_of(limits.RequestLimits(reads_and_answers, {}), dribble)) == 408
+    assert in_a_loop(status_of(limits.RequestLimits(read_and_respond, {}), dribble)) == 408
 
 
 @pytest.mark.parametrize(
@@ -408,8 +413,8 @@ def test_small_file_of_huge_image_needs_little_memory():
 
 
 def test_strips_are_converted_like_whole_image():
-    deep = np.random.default_rng(0).integers(0, 65536, (700, 9, 3), np.uint16)
-    assert np.array_equal(_uploads.eight_bits(deep), np.round(deep / 257).astype(np.uint8))
+    image = np.random.default_rng(0).integers(0, 65536, (700, 9, 3), np.uint16)
+    assert np.array_equal(_uploads.eight_bits(image), np.round(image / 257).astype(np.uint8))
     light = np.array([[-1.0, 0.0, 0.25, 0.5, 1.0, 7.0, np.nan, np.inf]], np.float32)
     assert _uploads.eight_bits(light).tolist() == [[0, 0, 64, 128, 255, 255, 0, 255]]
     assert _uploads.eight_bits(light.astype(np.float64)).tolist() == [
@@ -444,8 +449,8 @@ def test_images_of_every_kind_are_limited_by_pillow_header(kind, mode, monkeypat
     file = BytesIO()
     Image.new(mode, (10, 6), 3).save(file, kind)
     data = file.getvalue()
-    with Image.open(BytesIO(data)) as stored:
-        channels = 4 if stored.mode == "P" else len(stored.getbands())
+    with Image.open(BytesIO(data)) as image:
+        channels = 4 if image.mode == "P" else len(image.getbands())
     size = 10 * 6 * channels * (2 if kind == "PPM" else 1)
     monkeypatch.setattr(_uploads, "MAX_DECODED_BYTES", size)
     assert _uploads.image_in(data, "a").shape[:2] == (6, 10)
@@ -497,10 +502,10 @@ def test_orientation_of_uploads_is_applied_unless_stored():
     exif[0x0112], exif[0x010F] = 6, "maker"
     Image.new("RGB", (40, 30)).save(file, "JPEG", exif=exif)
     data = file.getvalue()
-    for more, shape in (({}, (40, 30, 3)), ({"stored_orientation": True}, (30, 40, 3))):
-        assert _uploads.image_in(data, "a", **more).shape == shape
-        assert _uploads.uploaded(data, "a", **more)[0].shape == shape
-        with Image.open(BytesIO(_uploads.browser_image(data, "a", **more))) as png:
+    for options, shape in (({}, (40, 30, 3)), ({"stored_orientation": True}, (30, 40, 3))):
+        assert _uploads.image_in(data, "a", **options).shape == shape
+        assert _uploads.uploaded(data, "a", **options)[0].shape == shape
+        with Image.open(BytesIO(_uploads.browser_image(data, "a", **options))) as png:
             assert png.size == shape[1::-1]
             assert png.getexif()
 
@@ -513,21 +518,21 @@ def test_truncated_uploads_are_reported_by_their_name(suffix):
     ].tobytes()
     with pytest.raises(
         MediaError, match=r"my picture\.tif( must be an image|: the file is truncated)"
-    ) as refused:
+    ) as error:
         _uploads.image_in(data[: len(data) // 2], "my picture.tif")
-    assert "/" not in str(refused.value)
+    assert "/" not in str(error.value)
 
 
 def test_encoded_images_preserve_pixels_and_quality():
-    picture = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
-    with Image.open(BytesIO(_uploads.encoded(picture, ".png"))) as png:
-        assert np.array_equal(np.asarray(png), picture)
-    with Image.open(BytesIO(_uploads.encoded(picture, ".jpg"))) as usual:
+    image = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
+    with Image.open(BytesIO(_uploads.encoded(image, ".png"))) as png:
+        assert np.array_equal(np.asarray(png), image)
+    with Image.open(BytesIO(_uploads.encoded(image, ".jpg"))) as default:
         expected = BytesIO()
         Image.new("RGB", (8, 8)).save(expected, "JPEG", quality=90)
         with Image.open(expected) as reference:
-            assert usual.quantization == reference.quantization
-    assert len(_uploads.encoded(picture, ".jpg", 30)) < len(_uploads.encoded(picture, ".jpg"))
+            assert default.quantization == reference.quantization
+    assert len(_uploads.encoded(image, ".jpg", 30)) < len(_uploads.encoded(image, ".jpg"))
 
 
 def test_request_without_file_is_rejected():
@@ -548,12 +553,12 @@ def test_image_size_of_page_limits_memory(size, client):
     width, height = size
     imager = {"width_px": width, "height_px": height, "pixel_pitch_um": 4000 / max(size)}
     tables = {**SPHERE, "imager": imager}
-    known = client.post("/api/sensors", content=tomli_w.dumps(tables)).json()["id"]
+    sensor_id = client.post("/api/sensors", content=tomli_w.dumps(tables)).json()["id"]
     if width * height > 1e9:
-        room = client.get("/api/room", params={"id": known})
+        response = client.get("/api/room", params={"id": sensor_id})
         assert (
-            room.status_code,
-            "must have at most 16 million pixels" in room.json()["detail"],
+            response.status_code,
+            "must have at most 16 million pixels" in response.json()["detail"],
         ) == (400, True)
     report = client.post(
         "/api/bench/file", json={"tables": tables, "kind": "report", "object_distance_mm": None}
@@ -567,50 +572,50 @@ def test_equal_work_is_shared_and_queue_is_limited(monkeypatch):
     monkeypatch.setattr(limits, "MAX_QUEUED_JOBS", 2)
     runs: list[str] = []
 
-    async def all_of_it():
-        queue, begun, go_on = limits.JobQueue(), asyncio.Event(), threading.Event()
+    async def run_tasks():
+        queue, is_started, is_released = limits.JobQueue(), asyncio.Event(), threading.Event()
         loop = asyncio.get_running_loop()
 
-        def make(name: str) -> str:
-            loop.call_soon_threadsafe(begun.set)
-            go_on.wait()
+        def work(name: str) -> str:
+            loop.call_soon_threadsafe(is_started.set)
+            is_released.wait()
             runs.append(name)
             return name
 
-        many = [asyncio.create_task(queue.run("room", lambda: make("room"))) for _ in range(20)]
-        other = asyncio.create_task(queue.run("other", lambda: make("other")))
-        await begun.wait()
+        tasks = [asyncio.create_task(queue.run("room", lambda: work("room"))) for _ in range(20)]
+        other_task = asyncio.create_task(queue.run("other", lambda: work("other")))
+        await is_started.wait()
         with pytest.raises(limits.ServerBusy, match="the server is busy"):
-            await queue.run("third", lambda: make("third"))
-        many[0].cancel()  # a disconnected page does not affect the others
-        go_on.set()
-        return await asyncio.gather(*many[1:], other)
+            await queue.run("third", lambda: work("third"))
+        tasks[0].cancel()  # a disconnected page does not affect the others
+        is_released.set()
+        return await asyncio.gather(*tasks[1:], other_task)
 
-    assert in_a_loop(all_of_it()) == ["room"] * 19 + ["other"]
+    assert in_a_loop(run_tasks()) == ["room"] * 19 + ["other"]
     assert runs == ["room", "other"]
 
 
 def test_work_is_sequential_and_repeatable():
     runs: list[str] = []
 
-    def make(name: str) -> str:
+    def work(name: str) -> str:
         runs.append(f"begin {name}")
         time.sleep(0.01)
         runs.append(f"end {name}")
         return name
 
-    async def twice():
+    async def run_tasks():
         queue = limits.JobQueue()
         for _ in range(2):
-            found = await asyncio.gather(
-                *(queue.run(name, lambda name=name: make(name)) for name in "ab")
+            results = await asyncio.gather(
+                *(queue.run(name, lambda name=name: work(name)) for name in "ab")
             )
-            assert found == ["a", "b"]
+            assert results == ["a", "b"]
         with pytest.raises(ZeroDivisionError):
             await queue.run("a", lambda: 1 // 0)
         return await queue.run("a", lambda: "again")
 
-    assert in_a_loop(twice()) == "again"
+    assert in_a_loop(run_tasks()) == "again"
     assert runs == ["begin a", "end a", "begin b", "end b"] * 2
 
 
@@ -666,10 +671,10 @@ def test_token_moves_from_address_to_cookie_of_port():
         assert (page.status_code, str(page.url)) == (200, "http://192.168.1.7:8080/")
         assert "secret" not in page.text
         assert client.get("/api/start").status_code == 200
-        elsewhere = client.get(
+        other_port = client.get(
             "http://192.168.1.7:9090/api/start"
         )  # another studio on the same machine
-        assert elsewhere.status_code == 403
+        assert other_port.status_code == 403
         assert client.get("/?token=wrong").status_code == 403
 
 
@@ -708,7 +713,7 @@ def basic(text: str | bytes) -> dict[str, str]:
     }
 
 
-GUARDED = [
+GUARD_CASES = [
     # path, headers, status without a token, with a token, and with a token that also applies to
     # programs
     ("/", {}, 200, 403, 401),
@@ -783,16 +788,16 @@ GUARDED = [
 ]
 
 
-@pytest.mark.parametrize(("path", "headers", "public", "token", "programs"), GUARDED)
+@pytest.mark.parametrize(("path", "headers", "public", "token", "programs"), GUARD_CASES)
 def test_guard_admits_known_clients(path, headers, public, token, programs):
     """The guard alone, in front of an application that accepts everything."""
-    for status, secret, for_programs in (
+    for status, secret, accept_passwords in (
         (public, None, False),
         (token, "secret", False),
         (programs, "secret", True),
     ):
         guard = AccessGuard(
-            Response("inside"), ["door"], secret, "default-src 'none'", for_programs
+            Response("inside"), ["door"], secret, "default-src 'none'", accept_passwords
         )
         answer = TestClient(guard, base_url="http://door").get(path, headers=headers)
         assert answer.status_code == status
@@ -806,32 +811,32 @@ def test_guard_adds_headers_to_responses():
     """Responses of the application keep their own headers; refusals have none of the page."""
 
     async def app(scope, receive, send):
-        kept = {"cache-control": "max-age=9"} if scope["path"] == "/kept" else {}
-        await Response("inside", headers=kept)(scope, receive, send)
+        headers = {"cache-control": "max-age=9"} if scope["path"] == "/kept" else {}
+        await Response("inside", headers=headers)(scope, receive, send)
 
     client = TestClient(AccessGuard(app, [], None, "default-src 'none'"), base_url="http://[::1]:8")
     for path, cache in (("/", "no-store"), ("/kept", "max-age=9"), ("/?token=a", "no-store")):
         answer = client.get(path, follow_redirects=False)
         assert (answer.status_code, answer.text) == (200, "inside")
-        added = {name: answer.headers.get_list(name) for name in answer.headers}
-        assert added.pop("content-length") == ["6"]
-        assert added == {
+        response_headers = {name: answer.headers.get_list(name) for name in answer.headers}
+        assert response_headers.pop("content-length") == ["6"]
+        assert response_headers == {
             "content-security-policy": ["default-src 'none'"],
             "x-content-type-options": ["nosniff"],
             "referrer-policy": ["no-referrer"],
             "cross-origin-resource-policy": ["same-origin"],
             "cache-control": [cache],
         }
-    refused = client.get("/", headers={"host": "evil.example"})
-    assert refused.json() == {
+    refusal = client.get("/", headers={"host": "evil.example"})
+    assert refusal.json() == {
         "detail": "the host name must be one of this server; got 'evil.example'"
     }
     locked = TestClient(AccessGuard(app, [], "secret", "policy"), base_url="http://door")
     assert locked.get("/", headers=basic("me:secret")).status_code == 403  # not for programs
-    led = locked.get("/?token=secret", follow_redirects=False)
-    assert (led.status_code, led.headers["location"]) == (303, "/")
-    assert led.headers["content-security-policy"] == "policy"
-    assert led.headers["set-cookie"].startswith("omnimirror-token-80=secret; HttpOnly; ")
+    redirect = locked.get("/?token=secret", follow_redirects=False)
+    assert (redirect.status_code, redirect.headers["location"]) == (303, "/")
+    assert redirect.headers["content-security-policy"] == "policy"
+    assert redirect.headers["set-cookie"].startswith("omnimirror-token-80=secret; HttpOnly; ")
 
 
 @pytest.mark.parametrize(
@@ -853,17 +858,17 @@ def test_guard_adds_headers_to_responses():
 )
 def test_guard_closes_sockets_with_reason(scheme, headers, query, reason):
     """Close code 4403 after the handshake message; other connections pass unchanged."""
-    passed, said, heard = [], [], []
+    scopes, sent_messages, receive_calls = [], [], []
 
     async def app(*connection):
-        passed.append(connection[0])
+        scopes.append(connection[0])
 
     async def receive():
-        heard.append(1)
+        receive_calls.append(1)
         return {"type": "websocket.connect"}
 
     async def send(message):
-        said.append(message)
+        sent_messages.append(message)
 
     guard = AccessGuard(app, ["DOOR"], None, "")
     scope = {
@@ -874,13 +879,13 @@ def test_guard_closes_sockets_with_reason(scheme, headers, query, reason):
         "headers": [(k.encode(), v.encode()) for k, v in ({"host": "door"} | headers).items()],
     }
     in_a_loop(guard(scope, receive, send))
-    assert passed == ([scope] if reason is None else [])
-    closing = {"type": "websocket.close", "code": 4403, "reason": reason}
-    assert said == ([] if reason is None else [closing])
-    assert len(heard) == (reason is not None)
-    other = {"type": "lifespan"}
-    in_a_loop(guard(other, receive, send))
-    assert passed[-1] is other
+    assert scopes == ([scope] if reason is None else [])
+    close_message = {"type": "websocket.close", "code": 4403, "reason": reason}
+    assert sent_messages == ([] if reason is None else [close_message])
+    assert len(receive_calls) == (reason is not None)
+    lifespan = {"type": "lifespan"}
+    in_a_loop(guard(lifespan, receive, send))
+    assert scopes[-1] is lifespan
 
 
 def test_guard_requires_token_for_sockets_of_programs():
@@ -932,16 +937,16 @@ def test_server_on_all_interfaces_prints_reachable_addresses():
 def test_browser_is_redirected_to_address_without_token(browser):
     """The fragment is preserved, and page, requests and sockets are authorised by the cookie."""
     with serving(Studio(token="secret")) as address:
-        page = open_page(browser, f"{address}?token=secret#tab=design", 900, 700, WITHOUT_PICTURES)
+        page = open_page(browser, f"{address}?token=secret#tab=design", 900, 700, WITHOUT_IMAGES)
         page.wait_for_function("location.search === '' && document.querySelector('canvas')")
         assert "secret" not in page.url
         assert "tab=design" in page.url
-        told = page.evaluate("""() => new Promise((resolve) => {
+        result = page.evaluate("""() => new Promise((resolve) => {
           const socket = new WebSocket(location.href.split(/[?#]/)[0].replace(/^http/, "ws") + "api/stream?id=none");
           socket.onmessage = (message) => resolve(JSON.parse(message.data).message);
           socket.onerror = () => resolve("refused");
         })""")
-        assert told == "unknown stream 'none'"
+        assert result == "unknown stream 'none'"
         assert not page.problems
         page.context.close()
 
@@ -952,17 +957,19 @@ def test_browser_is_redirected_to_address_without_token(browser):
 
 @pytest.mark.parametrize("path", ["/", "/design.js", "/space.js", "/calibrate.js"])
 def test_page_is_compressed_and_cached(path, client):
-    whole = client.get(path, headers={"accept-encoding": "identity"})
+    uncompressed = client.get(path, headers={"accept-encoding": "identity"})
     compressed = client.get(path, headers={"accept-encoding": "gzip"})
-    assert "content-encoding" not in whole.headers
+    assert "content-encoding" not in uncompressed.headers
     assert compressed.headers["content-encoding"] == "gzip"
-    assert int(compressed.headers["content-length"]) < 0.45 * int(whole.headers["content-length"])
-    assert compressed.content == whole.content  # decompressed by the client
+    assert int(compressed.headers["content-length"]) < 0.45 * int(
+        uncompressed.headers["content-length"]
+    )
+    assert compressed.content == uncompressed.content  # decompressed by the client
     assert compressed.headers["cache-control"] == "no-cache"
     assert compressed.headers["vary"] == "accept-encoding"
-    again = client.get(path, headers={"if-none-match": compressed.headers["etag"]})
-    assert (again.status_code, again.content) == (304, b"")
-    assert "default-src 'none'" in again.headers["content-security-policy"]
+    cached = client.get(path, headers={"if-none-match": compressed.headers["etag"]})
+    assert (cached.status_code, cached.content) == (304, b"")
+    assert "default-src 'none'" in cached.headers["content-security-policy"]
     assert client.get(path, headers={"if-none-match": '"other"'}).status_code == 200
 
 
@@ -979,34 +986,36 @@ def test_incomplete_requests_do_not_block_other_clients(monkeypatch):
     """Enough to fill the server; it still responds, and closes the oldest of them."""
     monkeypatch.setattr(server, "connection_limit", lambda: 20)
     monkeypatch.setattr(server, "REQUEST_TIMEOUT_S", 3600)
-    with serving(Studio()) as address, ExitStack() as open_ones:
+    with serving(Studio()) as address, ExitStack() as connections:
         port = urlsplit(address).port
-        held = [
-            open_ones.enter_context(socket.create_connection(("127.0.0.1", port)))
+        sockets = [
+            connections.enter_context(socket.create_connection(("127.0.0.1", port)))
             for _ in range(60)
         ]
-        for half in held:
+        for connection in sockets:
             with suppress(OSError):
-                half.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
+                connection.sendall(b"GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ")
         assert httpx.get(f"{address}health", timeout=300).json()["status"] == "ok"
-        for half in held[:40]:  # all but the newest 20 are closed, independent of the clock
+        for connection in sockets[
+            :40
+        ]:  # all but the newest 20 are closed, independent of the clock
             with suppress(ConnectionError):
-                assert half.recv(1) == b""
+                assert connection.recv(1) == b""
 
 
 def test_idle_sockets_do_not_block_other_clients(monkeypatch):
     """More than the server accepts: those idle for longest are closed, and the newest is served."""
     monkeypatch.setattr(server, "connection_limit", lambda: 20)
-    with serving(Studio()) as address, ExitStack() as open_ones:
-        where = address.replace("http", "ws") + "api/bench/ask"
-        held = [open_ones.enter_context(connect(where, open_timeout=300)) for _ in range(30)]
+    with serving(Studio()) as address, ExitStack() as connections:
+        url = address.replace("http", "ws") + "api/bench/ask"
+        sockets = [connections.enter_context(connect(url, open_timeout=300)) for _ in range(30)]
         assert httpx.get(f"{address}health", timeout=300).json()["status"] == "ok"
-        for gone in held[:10]:
+        for closed_socket in sockets[:10]:
             with pytest.raises(ConnectionClosed):
-                gone.recv()
-        held[-1].send("no question")
+                closed_socket.recv()
+        sockets[-1].send("no question")
         with pytest.raises(ConnectionClosed) as closed:
-            held[-1].recv()
+            sockets[-1].recv()
         assert closed.value.rcvd.code == 1003
 
 
@@ -1051,10 +1060,10 @@ def test_endless_header_is_abandoned(monkeypatch):
 
 @pytest.mark.parametrize("files", [100, 1024, resource.RLIM_INFINITY])
 def test_connection_limit_leaves_file_descriptors(files, monkeypatch):
-    monkeypatch.setattr(resource, "getrlimit", lambda which: (files, files))
-    most = server.connection_limit.__wrapped__()
-    assert 8 <= most <= 256
-    assert most + 50 < files or files == resource.RLIM_INFINITY
+    monkeypatch.setattr(resource, "getrlimit", lambda resource_id: (files, files))
+    max_connections = server.connection_limit.__wrapped__()
+    assert 8 <= max_connections <= 256
+    assert max_connections + 50 < files or files == resource.RLIM_INFINITY
 
 
 # -- live sources
@@ -1062,7 +1071,7 @@ def test_connection_limit_leaves_file_descriptors(files, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("source", "words"),
+    ("source", "message"),
     [
         ("http://", "must contain a host"),
         ("rtsp://", "must contain a host"),
@@ -1070,8 +1079,8 @@ def test_connection_limit_leaves_file_descriptors(files, monkeypatch):
         ("file:///no/such.ts", "must be the address of an existing file"),
     ],
 )
-def test_invalid_streams_are_rejected_before_page_opens(source, words):
-    with pytest.raises(MediaError, match=words):
+def test_invalid_streams_are_rejected_before_page_opens(source, message):
+    with pytest.raises(MediaError, match=message):
         Sources([source], live=[source])
 
 
@@ -1085,15 +1094,15 @@ def test_passwords_of_streams_are_not_sent_to_pages():
 
 def test_unresponsive_stream_ends_with_message(monkeypatch):
     monkeypatch.setattr(_server_state, "OPENING_S", 0.3)
-    with socket.socket() as nobody:
-        nobody.bind(("127.0.0.1", 0))  # and does not listen
-        address = f"http://127.0.0.1:{nobody.getsockname()[1]}/live.ts"
+    with socket.socket() as silent_socket:
+        silent_socket.bind(("127.0.0.1", 0))  # and does not listen
+        address = f"http://127.0.0.1:{silent_socket.getsockname()[1]}/live.ts"
         studio = Studio(Sources([address], live=[address]))
         with (
             TestClient(create_app(studio), base_url=LOCAL) as client,
             client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as page,
         ):
-            told = page.receive_json()
-            while told["state"] != "ended":
-                told = page.receive_json()
-    assert told["message"].startswith(f"no frame from {address} for")
+            status = page.receive_json()
+            while status["state"] != "ended":
+                status = page.receive_json()
+    assert status["message"].startswith(f"no frame from {address} for")

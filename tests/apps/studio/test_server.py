@@ -38,10 +38,10 @@ from tests.io.test_video import write_rotated
 from tests.serving import in_a_loop
 
 from .browser import serving
-from .pictures import video_of
+from .images import write_video
 
 LOCAL = "http://127.0.0.1"
-TURNED = np.random.default_rng(3).integers(0, 255, (30, 44, 3), np.uint8)
+IMAGE = np.random.default_rng(3).integers(0, 255, (30, 44, 3), np.uint8)
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def client():
         yield client
 
 
-def sentence(answer) -> str:
+def error_message(answer) -> str:
     """Return the reason of a refusal: one sentence without internals of the server."""
     detail = answer.json()["detail"]
     assert "Traceback" not in detail
@@ -66,28 +66,28 @@ def test_outline_of_uploaded_image(client):
         12,
     )
     data = cv2.imencode(".png", disc.astype(np.uint8))[1].tobytes()
-    found = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
-    assert found["centre_px"] == pytest.approx([170, 110], abs=0.5)
-    assert found["radius_px"] == pytest.approx(90, abs=0.7)
-    assert found["is_reliable"]
+    outline = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
+    assert outline["centre_px"] == pytest.approx([170, 110], abs=0.5)
+    assert outline["radius_px"] == pytest.approx(90, abs=0.7)
+    assert outline["is_reliable"]
     empty = cv2.imencode(".png", np.full((100, 200), 90, np.uint8))[1].tobytes()
     assert not client.post("/api/rim", content=empty).json()["is_reliable"]
-    refused = client.post("/api/rim", content=b"no picture")
-    assert refused.status_code == 400
-    assert "must be an image" in sentence(refused)
+    response = client.post("/api/rim", content=b"no picture")
+    assert response.status_code == 400
+    assert "must be an image" in error_message(response)
 
 
 def test_outline_detection_is_cached(client, monkeypatch):
-    looked, find = [], om.detect_mirror_outline
+    calls, detect = [], om.detect_mirror_outline
     monkeypatch.setattr(
-        rim, "detect_mirror_outline", lambda picture: looked.append(1) or find(picture)
+        rim, "detect_mirror_outline", lambda image: calls.append(1) or detect(image)
     )
-    one, other = (
+    first, second = (
         cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92)
     )
-    found = [client.post("/api/rim", content=data).json() for data in (one, other, one)]
-    assert found[0] == found[2]
-    assert len(looked) == 2
+    outlines = [client.post("/api/rim", content=data).json() for data in (first, second, first)]
+    assert outlines[0] == outlines[2]
+    assert len(calls) == 2
 
 
 def test_health_and_page_are_served(client):
@@ -108,8 +108,8 @@ def test_tables_reproduce_pixels_of_camera(client):
     radii = values[: t["radii"]].astype(float)
     d = np.random.default_rng(1).normal(size=(500, 3))
     d /= np.linalg.norm(d, axis=1)[:, None]
-    along, right, down = (d @ np.array(model[name]) for name in ("axis", "right", "down"))
-    half = np.sqrt((1 - along) / 2)
+    axial, right, down = (d @ np.array(model[name]) for name in ("axis", "right", "down"))
+    half = np.sqrt((1 - axial) / 2)
     r = np.interp(half, np.linspace(t["first"], t["last"], t["radii"]), radii)
     pixels = model["centre_px"] + (r / np.hypot(right, down))[:, None] * np.stack(
         [right, down], axis=-1
@@ -120,8 +120,8 @@ def test_tables_reproduce_pixels_of_camera(client):
 
 
 def test_camera_has_requested_mount(client):
-    asked = {"id": "paper-spherical", "camera_looks": "down", "forward_azimuth_deg": 30}
-    model = client.get("/api/camera", params=asked).json()
+    request = {"id": "paper-spherical", "camera_looks": "down", "forward_azimuth_deg": 30}
+    model = client.get("/api/camera", params=request).json()
     assert model["pole"] == "zenith"
     assert model["axis"] == [0, 0, 1]
     assert model["mount_in_file"]["camera_looks"] == "up"
@@ -130,14 +130,14 @@ def test_camera_has_requested_mount(client):
 def test_camera_has_requested_tilt(client):
     """The tables are unchanged and the axes rotated: the direction right of forward descends by the
     roll."""
-    asked = {"id": "paper-spherical", "forward_azimuth_deg": 0, "pitch_deg": 20, "roll_deg": 5}
-    model = client.get("/api/camera", params=asked).json()
+    request = {"id": "paper-spherical", "forward_azimuth_deg": 0, "pitch_deg": 20, "roll_deg": 5}
+    model = client.get("/api/camera", params=request).json()
     assert (model["mount"]["pitch_deg"], model["mount"]["roll_deg"]) == (20, 5)
     assert model["right"] == pytest.approx(
         [np.cos(np.radians(20)), 0, np.sin(np.radians(20))]
     )  # image right: forward
     assert model["axis"][1] == pytest.approx(np.sin(np.radians(5)))
-    assert client.get("/api/camera", params=asked | {"pitch_deg": 91}).status_code == 422
+    assert client.get("/api/camera", params=request | {"pitch_deg": 91}).status_code == 422
 
 
 # -- access control
@@ -171,8 +171,10 @@ def test_content_security_policy_names_every_directive(client):
     """Parsed as by a browser; a missing directive would default to no restriction."""
     policy = client.get("/").headers["content-security-policy"]
     directives = {name: sources for name, *sources in map(str.split, policy.split(";"))}
-    nothing = ["default-src", "base-uri", "form-action", "frame-ancestors"]
-    assert {name: directives[name] for name in nothing} == {name: ["'none'"] for name in nothing}
+    forbidden = ["default-src", "base-uri", "form-action", "frame-ancestors"]
+    assert {name: directives[name] for name in forbidden} == {
+        name: ["'none'"] for name in forbidden
+    }
     assert directives["img-src"] == ["'self'", "blob:", "data:"]
     assert directives["media-src"] == ["'self'", "blob:", "mediastream:"]
     assert directives["connect-src"] == ["'self'", "blob:", "data:"]
@@ -182,10 +184,10 @@ def test_content_security_policy_names_every_directive(client):
 
 
 def test_foreign_hosts_and_origins_are_rejected(client):
-    assert "evil.example" in sentence(client.get("/health", headers={"host": "evil.example"}))
+    assert "evil.example" in error_message(client.get("/health", headers={"host": "evil.example"}))
     answer = client.post("/api/sensors", content=b"x", headers={"origin": "https://evil.example"})
     assert answer.status_code == 403
-    assert "https://evil.example" in sentence(answer)
+    assert "https://evil.example" in error_message(answer)
     with (
         pytest.raises(WebSocketDisconnect),
         client.websocket_connect(
@@ -199,7 +201,7 @@ def test_remote_access_requires_token():
     assert not is_loopback("0.0.0.0")
     with TestClient(create_app(Studio(token="secret")), base_url="http://192.168.1.7:80") as client:
         assert client.get("/health").status_code == 200
-        assert "token" in sentence(client.get("/api/start"))
+        assert "token" in error_message(client.get("/api/start"))
         assert client.get("/api/start", params={"token": "wrong"}).status_code == 403
         assert client.get("/", params={"token": "secret"}).status_code == 200
         assert client.get("/api/start").status_code == 200  # by the cookie
@@ -236,19 +238,19 @@ def test_remote_access_requires_token():
 def test_similar_hosts_and_origins_are_rejected(headers, client):
     answer = client.post("/api/sensors", content=b"x", headers=headers)
     assert answer.status_code == 403
-    assert sentence(answer)
+    assert error_message(answer)
 
 
 def test_compressed_text_bomb_is_rejected(client):
     """A compressed comment of 100 MB in a PNG of one pixel."""
-    whole = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
+    png = cv2.imencode(".png", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
     body = b"zTXtComment\0\0" + zlib.compress(bytes(100 << 20), 9)
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
     answer = client.post(
-        "/api/convert", params={"name": "bomb.png"}, content=whole[:33] + chunk + whole[33:]
+        "/api/convert", params={"name": "bomb.png"}, content=png[:33] + chunk + png[33:]
     )
     assert answer.status_code == 400
-    assert "bomb.png" in sentence(answer)
+    assert "bomb.png" in error_message(answer)
 
 
 # -- hostile files
@@ -274,7 +276,7 @@ def png_of(width: int, height: int) -> bytes:
 def test_decompression_bombs_are_rejected_by_header(side, client):
     answer = client.post("/api/convert", params={"name": "bomb.png"}, content=png_of(side, side))
     assert answer.status_code == 400
-    assert sentence(answer) == "the decoded pixels of bomb.png must take at most 256 MB"
+    assert error_message(answer) == "the decoded pixels of bomb.png must take at most 256 MB"
 
 
 @pytest.mark.parametrize(
@@ -283,36 +285,36 @@ def test_decompression_bombs_are_rejected_by_header(side, client):
 def test_invalid_image_is_rejected(data, client):
     answer = client.post("/api/convert", content=data)
     assert answer.status_code == 400
-    assert sentence(answer)
+    assert error_message(answer)
 
 
 def test_truncated_image_is_rejected(client):
-    whole = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[
+    jpeg = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (99, 99, 3), np.uint8))[
         1
     ].tobytes()
-    answer = client.post("/api/convert", params={"name": "../../half.jpg"}, content=whole[:-400])
+    answer = client.post("/api/convert", params={"name": "../../half.jpg"}, content=jpeg[:-400])
     assert answer.status_code == 400
-    assert sentence(answer) == "cannot read the image half.jpg: the file is truncated"
+    assert error_message(answer) == "cannot read the image half.jpg: the file is truncated"
 
 
 def test_oversized_body_is_rejected_early(client):
-    huge = MAX_MESSAGE_BYTES + 1
-    assert client.post("/api/sensors", content=b"#" * huge).status_code == 413
+    size = MAX_MESSAGE_BYTES + 1
+    assert client.post("/api/sensors", content=b"#" * size).status_code == 413
 
     def pieces():
-        for _ in range(huge // 4096 + 1):
+        for _ in range(size // 4096 + 1):
             yield b"#" * 4096
 
     answer = client.post("/api/sensors", content=pieces())  # chunked: no announced length
     assert answer.status_code == 413
-    assert sentence(answer).startswith("the body must be at most 1 MB; got ")
+    assert error_message(answer).startswith("the body must be at most 1 MB; got ")
 
 
 def test_sensor_files_cannot_name_files_of_the_server(client):
     text = '[mirror]\nkind = "sampled"\nprofile_csv = "/etc/passwd"\n[lens]\n[imager]\n'
     answer = client.post("/api/sensors", params={"name": "spy.toml"}, content=text)
     assert answer.status_code == 400
-    assert "must not name a file" in sentence(answer)
+    assert "must not name a file" in error_message(answer)
     assert "root:" not in answer.text
 
 
@@ -322,16 +324,16 @@ def test_sensor_files_cannot_name_files_of_the_server(client):
 def test_invalid_calibration_files_are_rejected(data, client):
     answer = client.post("/api/sensors", content=data)
     assert answer.status_code == 400
-    assert sentence(answer)
+    assert error_message(answer)
 
 
 def test_deep_images_are_converted_to_8_bits():
-    deep = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
-    tiff = cv2.imencode(".tif", deep)[1].tobytes()
+    image = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
+    tiff = cv2.imencode(".tif", image)[1].tobytes()
     shallow = cv2.imdecode(
         np.frombuffer(browser_image(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED
     )
-    np.testing.assert_array_equal(shallow, np.round(deep / 257).astype(np.uint8))
+    np.testing.assert_array_equal(shallow, np.round(image / 257).astype(np.uint8))
 
 
 # -- sources
@@ -339,13 +341,13 @@ def test_deep_images_are_converted_to_8_bits():
 
 
 def test_only_files_of_given_folders_are_served(tmp_path):
-    inside, outside = tmp_path / "in", tmp_path / "secret.png"
-    inside.mkdir()
-    for path in (inside / "a.png", outside):
+    folder, outside = tmp_path / "in", tmp_path / "secret.png"
+    folder.mkdir()
+    for path in (folder / "a.png", outside):
         cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint8))
-    (inside / "link.png").symlink_to(outside)
-    (inside / "notes.txt").write_text("no picture")
-    with TestClient(create_app(Studio(Sources(folders=[inside]))), base_url=LOCAL) as client:
+    (folder / "link.png").symlink_to(outside)
+    (folder / "notes.txt").write_text("no picture")
+    with TestClient(create_app(Studio(Sources(folders=[folder]))), base_url=LOCAL) as client:
         assert [s["name"] for s in client.get("/api/start").json()["sources"]] == ["a.png"]
         assert client.get("/api/image", params={"id": "0/a.png"}).status_code == 200
         for id in ("0/link.png", "0/../secret.png", str(outside), "0/notes.txt", "..", "\0"):
@@ -354,43 +356,47 @@ def test_only_files_of_given_folders_are_served(tmp_path):
 
 def test_slow_pages_do_not_delay_shared_stream(tmp_path, monkeypatch):
     """Pages that request continuously, one that requests once, and one that never does."""
-    shown = Sources([str(video_of(tmp_path / "ride.mp4"))]).given[0]
-    coded = []
-    monkeypatch.setattr(_server_state, "encoded", lambda *what: coded.append(1) or encoded(*what))
+    source = Sources([str(write_video(tmp_path / "ride.mp4"))]).given[0]
+    encodings = []
+    monkeypatch.setattr(
+        _server_state, "encoded", lambda *arguments: encodings.append(1) or encoded(*arguments)
+    )
 
-    async def eager(stream, frames: int) -> list[int]:
-        seen, state = [0], None
-        while len(seen) <= frames:
-            number, jpeg, state = await stream.after(seen[-1], state)
+    async def fast_client(stream, frames: int) -> list[int]:
+        numbers, state = [0], None
+        while len(numbers) <= frames:
+            number, jpeg, state = await stream.after(numbers[-1], state)
             if jpeg is not None:
                 assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape == (48, 64, 3)
-                seen.append(number)
-        return seen[1:]
+                numbers.append(number)
+        return numbers[1:]
 
-    async def slow(stream) -> tuple[int, int]:
+    async def slow_client(stream) -> tuple[int, int]:
         first, _, state = await stream.after(0, None)
         while stream.count < first + 3:
             await asyncio.sleep(0.01)
         return first, (await stream.after(first, state))[0]
 
-    async def all_of_them():
-        watched = Streams()
-        async with watched.watch(shown) as stream, watched.watch(shown) as same:
+    async def run_clients():
+        streams = Streams()
+        async with streams.watch(source) as stream, streams.watch(source) as same:
             assert same is stream  # read once
-            found = await asyncio.gather(slow(stream), *(eager(stream, 12) for _ in range(19)))
-            assert stream.count <= len(coded) <= stream.count + 2  # some may be in transit
-        watched.close()
-        return found
+            results = await asyncio.gather(
+                slow_client(stream), *(fast_client(stream, 12) for _ in range(19))
+            )
+            assert stream.count <= len(encodings) <= stream.count + 2  # some may be in transit
+        streams.close()
+        return results
 
     with ThreadPoolExecutor() as pool:  # with its own event loop
-        run = pool.submit(lambda: asyncio.run(asyncio.wait_for(all_of_them(), 600)))
-        (first, later), *others = run.result()
-    assert all(np.all(np.diff(seen) > 0) for seen in others)  # never an older frame
+        run = pool.submit(lambda: asyncio.run(asyncio.wait_for(run_clients(), 600)))
+        (first, later), *other_numbers = run.result()
+    assert all(np.all(np.diff(numbers) > 0) for numbers in other_numbers)  # never an older frame
     assert later > first + 1  # intermediate frames are skipped
 
 
 def test_page_receives_state_and_frames_of_stream(tmp_path):
-    studio = Studio(Sources([str(video_of(tmp_path / "ride.mp4"))]))
+    studio = Studio(Sources([str(write_video(tmp_path / "ride.mp4"))]))
     with (
         TestClient(create_app(studio), base_url=LOCAL) as client,
         client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
@@ -411,7 +417,7 @@ def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path
     """Images, uploads and videos, compared with the files as OpenCV reads them with and without."""
     folder = tmp_path / "in"
     folder.mkdir()
-    image = write_with_orientation(folder / "a.png", TURNED, 6)
+    image = write_with_orientation(folder / "a.png", IMAGE, 6)
     video = write_rotated(folder / "b.mp4", 90)
     flag = cv2.IMREAD_COLOR | (cv2.IMREAD_IGNORE_ORIENTATION if stored else 0)
     expected = cv2.imread(str(image), flag)
@@ -421,8 +427,8 @@ def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path
     notes = []
     studio = Studio(Sources(folders=[folder]), stored_orientation=stored, on_note=notes.append)
     with TestClient(create_app(studio), base_url=LOCAL) as client:
-        shown = client.get("/api/image", params={"id": "0/a.png"}).content
-        converted = client.post(
+        source_png = client.get("/api/image", params={"id": "0/a.png"}).content
+        converted_png = client.post(
             "/api/convert", content=image.read_bytes(), params={"name": "a.png"}
         ).content
         assert ("data-stored-orientation" in client.get("/").text[:200]) == stored
@@ -430,33 +436,33 @@ def test_orientations_are_applied_unless_pixels_are_requested_as_stored(tmp_path
             socket.send_text("next")
             while (jpeg := socket.receive().get("bytes")) is None:
                 pass
-    for png in (shown, converted):
+    for png in (source_png, converted_png):
         np.testing.assert_array_equal(
             cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR), expected
         )
-    streamed = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
-    assert streamed.shape == frame.shape
-    assert np.abs(streamed.astype(int) - frame).mean() < 4
-    words = (
+    streamed_image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert streamed_image.shape == frame.shape
+    assert np.abs(streamed_image.astype(int) - frame).mean() < 4
+    phrases = (
         ["as stored; the EXIF orientation", "frames as stored"]
         if stored
         else ["according to EXIF", "according to the file"]
     )
     assert len(notes) == 2
-    for note, name, phrase in zip(notes, ["a.png", "b.mp4"], words, strict=True):
+    for note, name, phrase in zip(notes, ["a.png", "b.mp4"], phrases, strict=True):
         assert name in note
         assert phrase in note
 
 
-@pytest.mark.parametrize(("command", "more"), [("view", ["a.png"]), ("studio", [])])
-def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, command, more):
-    write_with_orientation(tmp_path / "a.png", TURNED, 6)
+@pytest.mark.parametrize(("command", "arguments"), [("view", ["a.png"]), ("studio", [])])
+def test_commands_pass_the_orientation_to_the_studio(tmp_path, monkeypatch, command, arguments):
+    write_with_orientation(tmp_path / "a.png", IMAGE, 6)
     monkeypatch.chdir(tmp_path)
-    started = []
-    monkeypatch.setattr(app, "serve", lambda studio, *rest: started.append(studio))
+    studios = []
+    monkeypatch.setattr(app, "serve", lambda studio, *other_arguments: studios.append(studio))
     for option in ([], ["--set=input.stored_orientation=true"]):
-        assert CliRunner().invoke(command_line, [command, *more, *option]).exit_code == 0
-    assert [studio.stored_orientation for studio in started] == [False, True]
+        assert CliRunner().invoke(command_line, [command, *arguments, *option]).exit_code == 0
+    assert [studio.stored_orientation for studio in studios] == [False, True]
 
 
 def test_damaged_video_ends_with_message(tmp_path):
@@ -466,10 +472,10 @@ def test_damaged_video_ends_with_message(tmp_path):
         TestClient(create_app(studio), base_url=LOCAL) as client,
         client.websocket_connect("ws://127.0.0.1/api/stream?id=source") as socket,
     ):
-        told = json.loads(socket.receive_text())
-        while told["state"] != "ended":
-            told = json.loads(socket.receive_text())
-        assert "bad.mp4" in told["message"]
+        status = json.loads(socket.receive_text())
+        while status["state"] != "ended":
+            status = json.loads(socket.receive_text())
+        assert "bad.mp4" in status["message"]
 
 
 # -- OpenAPI interface
@@ -484,12 +490,15 @@ def test_generated_requests_cause_no_server_error(phases, tmp_path):
     if not program.exists():
         pytest.skip("schemathesis is not here")
     with serving(Studio()) as address:
-        words = f"run {address}openapi.json --phases {phases} --max-examples 4 --seed 1 --request-timeout 600"
+        arguments = f"run {address}openapi.json --phases {phases} --max-examples 4 --seed 1 --request-timeout 600"
         files = (
             "--no-color --exclude-checks positive_data_acceptance"  # not described by any schema
         )
         run = subprocess.run(
-            [program, *words.split(), *files.split()], capture_output=True, text=True, cwd=tmp_path
+            [program, *arguments.split(), *files.split()],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
         )
     assert run.returncode == 0, run.stdout[-3000:]
     assert re.search(r"(\d+) selected / \1 total", run.stdout)
@@ -499,13 +508,15 @@ def test_generated_requests_cause_no_server_error(phases, tmp_path):
 # -------------------------------------------------------------------------------------
 
 
-def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool = False) -> bytes:
+def raw_response(
+    address: str, start: bytes, body: bytes = b"\r\n", is_half_closed: bool = False
+) -> bytes:
     """Return the response to bytes that no client library would send, up to the end of the
     connection."""
     host = urlsplit(address).netloc.encode()
     with socket.create_connection(("127.0.0.1", urlsplit(address).port), timeout=300) as raw:
-        raw.sendall(start + b" HTTP/1.1\r\nHost: " + host + b"\r\nConnection: close\r\n" + rest)
-        if goes_away:
+        raw.sendall(start + b" HTTP/1.1\r\nHost: " + host + b"\r\nConnection: close\r\n" + body)
+        if is_half_closed:
             raw.shutdown(socket.SHUT_WR)
         return b"".join(iter(lambda: raw.recv(65536), b""))
 
@@ -525,7 +536,9 @@ def answer_to(address: str, start: bytes, rest: bytes = b"\r\n", goes_away: bool
     ],
 )
 def test_uploads_with_wrong_length_are_rejected_or_dropped(lines, body, status, wire):
-    answer = answer_to(wire, b"POST /api/convert", lines + b"\r\n" + body, goes_away=status is None)
+    answer = raw_response(
+        wire, b"POST /api/convert", lines + b"\r\n" + body, is_half_closed=status is None
+    )
     if status is None:
         assert b" 200 " not in answer[:20]  # no recipient remains
     else:
@@ -544,27 +557,27 @@ def test_uploads_with_wrong_length_are_rejected_or_dropped(lines, body, status, 
     ],
 )
 def test_path_traversal_is_rejected(path, wire):
-    answer = answer_to(wire, b"GET " + path.encode())
+    answer = raw_response(wire, b"GET " + path.encode())
     assert answer.startswith(b"HTTP/1.1 404 ")
     assert b"root:" not in answer
 
 
 def test_responses_are_sent_without_delayed_acknowledgement():
-    async def made() -> int:
-        sent: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+    async def nodelay_option() -> int:
+        option: asyncio.Future[int] = asyncio.get_running_loop().create_future()
 
-        def accepted(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            sent.set_result(
+        def on_connection(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            option.set_result(
                 writer.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
             )
             writer.close()
 
-        async with await asyncio.start_server(accepted, sock=listen("127.0.0.1", 0)) as app:
+        async with await asyncio.start_server(on_connection, sock=listen("127.0.0.1", 0)) as app:
             _, writer = await asyncio.open_connection(*app.sockets[0].getsockname())
             writer.close()
-            return await sent
+            return await option
 
-    assert in_a_loop(made())
+    assert in_a_loop(nodelay_option())
 
 
 @pytest.fixture(scope="module")
@@ -573,17 +586,17 @@ def wire():
         yield address
 
 
-def busy_video(path: Path) -> Path:
+def write_noise_video(path: Path) -> Path:
     """Write twelve frames of noise, large as JPEG, each with its number as a shade in the corner."""
     rng = np.random.default_rng(0)
-    with av.open(str(path), "w") as out:
-        stream = out.add_stream("mjpeg", rate=20, options={"qscale": "2"})
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mjpeg", rate=20, options={"qscale": "2"})
         stream.width, stream.height, stream.pix_fmt = 480, 360, "yuvj420p"
         for i in range(12):
-            picture = rng.integers(0, 255, (360, 480, 3), np.uint8)
-            picture[:64, :64] = 20 * i + 10
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        out.mux(stream.encode())
+            image = rng.integers(0, 255, (360, 480, 3), np.uint8)
+            image[:64, :64] = 20 * i + 10
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
     return path
 
 
@@ -597,22 +610,22 @@ def number_in(jpeg: bytes) -> int:
 def test_twenty_clients_share_stream_despite_slow_client(tmp_path):
     from websockets.asyncio.client import connect
 
-    async def eager(url: str, frames: int) -> list[int]:
+    async def fast_client(url: str, frames: int) -> list[int]:
         async with connect(url, max_queue=1) as socket:
             assert (
                 not socket.protocol.extensions
             )  # not compressed again, although every page offers it
             await socket.send("next")
-            seen: list[int] = []
+            numbers: list[int] = []
             async for message in socket:
                 if isinstance(message, bytes):
-                    seen.append(number_in(message))
-                    if len(seen) == frames:
-                        return seen
+                    numbers.append(number_in(message))
+                    if len(numbers) == frames:
+                        return numbers
                     await socket.send("next")
-        return seen
+        return numbers
 
-    async def deaf(url: str) -> None:
+    async def slow_client(url: str) -> None:
         """Client that sends requests and reads no response: output accumulates."""
         async with connect(url, max_queue=1) as socket:
             try:
@@ -622,21 +635,21 @@ def test_twenty_clients_share_stream_despite_slow_client(tmp_path):
             finally:
                 socket.transport.abort()  # without a close frame
 
-    async def all_of_them(url: str) -> list[list[int]]:
-        stuck = asyncio.create_task(deaf(url))
-        seen = await asyncio.gather(*(eager(url, 40) for _ in range(19)))
-        stuck.cancel()
-        await asyncio.wait([stuck])
-        return seen
+    async def run_clients(url: str) -> list[list[int]]:
+        slow_task = asyncio.create_task(slow_client(url))
+        numbers = await asyncio.gather(*(fast_client(url, 40) for _ in range(19)))
+        slow_task.cancel()
+        await asyncio.wait([slow_task])
+        return numbers
 
-    with serving(Studio(Sources([str(busy_video(tmp_path / "noise.avi"))]))) as address:
+    with serving(Studio(Sources([str(write_noise_video(tmp_path / "noise.avi"))]))) as address:
         url = f"{address.replace('http', 'ws')}api/stream?id=source"
         with ThreadPoolExecutor() as pool:  # with its own event loop
-            seen = pool.submit(
-                lambda: asyncio.run(asyncio.wait_for(all_of_them(url), 600))
+            numbers = pool.submit(
+                lambda: asyncio.run(asyncio.wait_for(run_clients(url), 600))
             ).result()
-    assert [len(s) for s in seen] == [40] * 19
-    again = [np.mean(np.diff(s) == 0) for s in seen]
+    assert [len(s) for s in numbers] == [40] * 19
+    repeat_rates = [np.mean(np.diff(s) == 0) for s in numbers]
     assert (
-        max(again) < 0.5
+        max(repeat_rates) < 0.5
     )  # frames differ, except rarely for the same one of a later loop of the video

@@ -10,8 +10,8 @@ import pytest
 
 import omnimirror as om
 
-from .browser import BASE64, COARSE, PATIENCE_MS
-from .test_bench_page import PAGE, WITHOUT_PICTURES, drawn, enter, settled
+from .browser import BASE64, COARSE, TIMEOUT_MS
+from .test_bench_page import PAGE, WITHOUT_IMAGES, enter_value, wait_for_plots, wait_for_response
 from .test_page import AXE
 
 VIEW = "window.omnimirror.tabs.design.plotArea.space.view"
@@ -31,36 +31,36 @@ MAX_TOTAL = 300_000  # bytes, compressed, without the 3-D view
 def bench(browser, server):
     viewport = {"width": 1280, "height": 900}
     context = browser.new_context(viewport=viewport, bypass_csp=True, has_touch=True, **COARSE)
-    context.add_init_script(WITHOUT_PICTURES)
+    context.add_init_script(WITHOUT_IMAGES)
     page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page.set_default_timeout(TIMEOUT_MS)
     page.problems, page.fetched = [], []
     page.on("pageerror", lambda e: page.problems.append(str(e)))
     page.on("request", lambda r: page.fetched.append(r.url))
     page.goto(f"{server}#tab=design")
-    drawn(page)
+    wait_for_plots(page)
     yield page
     context.close()
     assert page.problems == []
 
 
-def opened(page) -> None:
+def open_space_view(page) -> None:
     page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
-    settled(page)
+    wait_for_response(page)
 
 
 def pixels(page) -> np.ndarray:
-    found = page.evaluate(PIXELS)
-    width, height = found["size"]
+    result = page.evaluate(PIXELS)
+    width, height = result["size"]
     return (
-        np.frombuffer(base64.b64decode(found["values"]), np.uint8)
+        np.frombuffer(base64.b64decode(result["values"]), np.uint8)
         .reshape(height, width, 4)[..., :3]
         .astype(int)
     )
 
 
-def place_on(page, node: str) -> tuple[float, float]:
+def screen_position(page, node: str) -> tuple[float, float]:
     """Return the screen position of a ray node, px from the corner of the view; `node` is its
     expression."""
     return page.evaluate(
@@ -81,13 +81,13 @@ def place_on(page, node: str) -> tuple[float, float]:
 
 def test_3d_view_is_loaded_on_demand_and_stays_open(bench):
     assert not any("space" in url for url in bench.fetched)
-    opened(bench)
+    open_space_view(bench)
     assert sum(url.endswith("/space.js") for url in bench.fetched) == 1
     bench.locator(
         '.space canvas[aria-label*="mirror, body, lens"][aria-label*="from 0° to 135.0°"]'
     ).wait_for()
     bench.reload()
-    drawn(bench)
+    wait_for_plots(bench)
     bench.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
     bench.locator(".groups label").filter(has_text="3-D view").click()
     assert bench.locator(".space").is_hidden()
@@ -96,18 +96,18 @@ def test_3d_view_is_loaded_on_demand_and_stays_open(bench):
 @pytest.mark.full
 def test_colours_of_parts_rays_and_ground(bench):
     bench.emulate_media(color_scheme="light")
-    opened(bench)
+    open_space_view(bench)
     light = pixels(bench)
     np.testing.assert_array_equal(light[2, 2], [255, 255, 255])
-    x, y = place_on(
+    x, y = screen_position(
         bench, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))"
     )  # above the vertex
-    dots = COARSE["device_scale_factor"]
-    mirror = light[round(dots * y), round(dots * x)]
+    scale = COARSE["device_scale_factor"]
+    mirror = light[round(scale * y), round(scale * x)]
     assert np.ptp(mirror) < 40  # grey
     assert mirror.max() < 240
     green = (light[..., 1] > light[..., 0] + 40) & (light[..., 1] > light[..., 2])
-    assert green.sum() > 1000 * dots**2  # rays
+    assert green.sum() > 1000 * scale**2  # rays
     bench.emulate_media(color_scheme="dark")
     bench.wait_for_function(
         "getComputedStyle(document.documentElement).getPropertyValue('--panel').includes('#1c1f20')"
@@ -116,21 +116,21 @@ def test_colours_of_parts_rays_and_ground(bench):
 
 
 def test_selected_ray_is_marked_in_all_plots(bench):
-    opened(bench)
+    open_space_view(bench)
     index = bench.evaluate(f"{VIEW}.rays.findIndex((r) => Math.abs(r.omega - 75) < 1e-3)")
-    x, y = place_on(
+    x, y = screen_position(
         bench,
         f"{VIEW}.rays[{index}].nodes[1].map((c, i) => c + 0.012 * ({VIEW}.rays[{index}].nodes[2][i] - c))",
     )
     bench.locator(".space canvas").click(position={"x": x, "y": y})
-    words = bench.locator(".space output").inner_text()
+    summary = bench.locator(".space output").inner_text()
     sensor = om.load_sensor("paper-spherical")
     e = om.evaluate(sensor, [75.0])
-    assert words.startswith("Field angle 75.0°")
-    found = re.search(
-        r"x (\S+), y (\S+), z (\S+) mm · angle of incidence (\S+)° · pixel (\S+), (\S+)", words
+    assert summary.startswith("Field angle 75.0°")
+    match = re.search(
+        r"x (\S+), y (\S+), z (\S+) mm · angle of incidence (\S+)° · pixel (\S+), (\S+)", summary
     )
-    mx, my, mz, incidence, u, v = (float(text.replace("−", "-")) for text in found.groups())
+    mx, my, mz, incidence, u, v = (float(text.replace("−", "-")) for text in match.groups())
     assert np.hypot(mx, my) == pytest.approx(e.x_mm[0], abs=0.01)
     assert mz == pytest.approx(e.z_mm[0], abs=0.01)
     assert incidence == pytest.approx(
@@ -146,12 +146,12 @@ def test_selected_ray_is_marked_in_all_plots(bench):
 
 @pytest.mark.full
 def test_3d_view_follows_sliders_and_keeps_selected_ray(bench):
-    opened(bench)
+    open_space_view(bench)
     bench.get_by_role("button", name="Ray ›").click()
     bench.get_by_role("button", name="Ray ›").click()
     before, orbit = bench.locator(".space output").inner_text(), bench.evaluate(ORBIT)
     lens = bench.evaluate(f"{VIEW}.rays[0].nodes[0][2]")
-    enter(bench, "Distance", "200")
+    enter_value(bench, "Distance", "200")
     bench.wait_for_function(f"{VIEW}.rays[0].nodes[0][2] !== {lens}")
     assert bench.evaluate(f"{VIEW}.rays[0].nodes[0][2]") == pytest.approx(-200)
     assert bench.locator(".space output").inner_text() != before
@@ -165,7 +165,7 @@ def test_3d_view_follows_sliders_and_keeps_selected_ray(bench):
 
 
 def test_3d_view_responds_to_mouse_touch_and_keys(bench):
-    opened(bench)
+    open_space_view(bench)
     canvas = bench.locator(".space canvas")
     canvas.scroll_into_view_if_needed()
     box = canvas.bounding_box()
@@ -173,27 +173,27 @@ def test_3d_view_responds_to_mouse_touch_and_keys(bench):
     orbit = lambda: bench.evaluate(f"{VIEW}.orbit")  # noqa: E731
     first = orbit()
 
-    def drag(by: tuple[float, float]) -> None:
+    def drag(offset: tuple[float, float]) -> None:
         bench.mouse.move(x, y)
         bench.mouse.down()
-        bench.mouse.move(x + by[0], y + by[1], steps=4)
+        bench.mouse.move(x + offset[0], y + offset[1], steps=4)
         bench.mouse.up()
 
     drag((60, 30))
-    turned = orbit()
-    assert turned["around"] < first["around"]
-    assert turned["above"] > first["above"]
-    assert turned["target"] == first["target"]
+    orbit_after_drag = orbit()
+    assert orbit_after_drag["around"] < first["around"]
+    assert orbit_after_drag["above"] > first["above"]
+    assert orbit_after_drag["target"] == first["target"]
     bench.keyboard.down("Shift")
     drag((50, 0))
     bench.keyboard.up("Shift")
-    moved = orbit()
-    assert moved["target"] != first["target"]
-    assert moved["around"] == turned["around"]
+    orbit_after_pan = orbit()
+    assert orbit_after_pan["target"] != first["target"]
+    assert orbit_after_pan["around"] == orbit_after_drag["around"]
     canvas.focus()
     bench.mouse.move(x, y)
     bench.mouse.wheel(0, -300)
-    bench.wait_for_function(f"{VIEW}.orbit.distance < {moved['distance']}")
+    bench.wait_for_function(f"{VIEW}.orbit.distance < {orbit_after_pan['distance']}")
     bench.keyboard.press("Home")
     fitted = orbit()["distance"]
     for key, changes in (
@@ -228,24 +228,22 @@ def test_accessibility_of_3d_view(width, scheme, bench):
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     bench.set_viewport_size({"width": width, "height": 800})
     bench.emulate_media(color_scheme=scheme)
-    opened(bench)
+    open_space_view(bench)
     bench.get_by_role("button", name="Ray ›").click()
     bench.add_script_tag(path=AXE)
-    found = bench.evaluate(
+    violations = bench.evaluate(
         "axe.run('.space', { rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
     )
-    assert [v["id"] for v in found if v["impact"] in ("serious", "critical")] == []
+    assert [v["id"] for v in violations if v["impact"] in ("serious", "critical")] == []
     assert bench.evaluate("document.scrollingElement.scrollWidth") <= width
 
 
 def test_missing_webgl2_is_reported(browser, server):
     context = browser.new_context(bypass_csp=True)
-    context.add_init_script(
-        WITHOUT_PICTURES + "HTMLCanvasElement.prototype.getContext = () => null;"
-    )
+    context.add_init_script(WITHOUT_IMAGES + "HTMLCanvasElement.prototype.getContext = () => null;")
     page = context.new_page()
     page.goto(f"{server}#tab=design")
-    drawn(page)
+    wait_for_plots(page)
     page.locator(".groups label").filter(has_text="3-D view").click()
     page.get_by_text(
         "The 3-D view requires WebGL2, which this browser does not support."

@@ -11,11 +11,11 @@ import pytest
 from omnimirror.apps.studio._server_state import Sources, Studio
 from omnimirror.io import read_image, write_image
 
-from .browser import command, coordinates, drop, look, open_page, serving
-from .pictures import pattern, python_view
-from .test_addresses import no_rooms, rooms  # noqa: F401
+from .browser import command, coordinates, drop, open_page, serving, set_state
+from .images import pattern, python_view
+from .test_addresses import placeholder_rooms, placeholder_server  # noqa: F401
 
-NEAR = 0.02  # px
+TOLERANCE_PX = 0.02  # px
 HALVES = """() => {
   const box = (id) => { const { x, y, width, height } = document.querySelector(id).getBoundingClientRect(); return [x, y, width, height]; };
   return { view: box("#view"), pane: box("#pane"), circle: box("#circle") };
@@ -24,11 +24,11 @@ CELLS = (
     "() => window.omnimirror.look.layout.places"
     ".map(({ left, top, width, height }) => [left, top, width, height])"
 )
-SHARE = """() => {
+VIEW_SHARE = """() => {
   const { width, height, y } = document.querySelector("#view").getBoundingClientRect();
   return y >= 0 && y + height <= innerHeight + 1 ? width * height / innerWidth / innerHeight : 0;
 }"""
-BEGIN = {
+INITIAL_STATE = {
     "mode": "panorama",
     "pan": 0,
     "tilt": 0,
@@ -61,7 +61,7 @@ def shared(browser, server, folder):
 @pytest.fixture
 def page(shared):
     """The page in its initial state."""
-    look(shared, all=False, **BEGIN)
+    set_state(shared, all=False, **INITIAL_STATE)
     return shared
 
 
@@ -69,7 +69,7 @@ def state(page) -> dict:
     return page.evaluate("window.omnimirror.store.state")
 
 
-def settled(page, states: int = 1) -> None:
+def wait_for_views(page, states: int = 1) -> None:
     """Wait until the given number of views fill the available space."""
     page.wait_for_function(
         """(states) => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(() => {
@@ -79,33 +79,33 @@ def settled(page, states: int = 1) -> None:
     )
 
 
-WIDE, UPRIGHT = (150, 80), (60, 110)
+WIDE, TALL = (150, 80), (60, 110)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("mode", "size"),
     [
-        ("panorama", UPRIGHT),
+        ("panorama", TALL),
         ("panorama", WIDE),
-        ("planet", UPRIGHT),
+        ("planet", TALL),
         ("planet", WIDE),
-        ("ground", UPRIGHT),
+        ("ground", TALL),
         ("ground", WIDE),
     ],
 )
 def test_view_that_fills_stage_matches_its_command(mode, size, page, folder):
-    look(page, mode=mode, fit="fill", pan=35, tilt=-12, zoom=1.2)
+    set_state(page, mode=mode, fit="fill", pan=35, tilt=-12, zoom=1.2)
     line = command(page, *size)
     assert f"--size {size[0]}x{size[1]}" in line
-    found, wanted = coordinates(page, *size), python_view(line, folder).coordinates(exact=True)
-    both = np.isfinite(found[..., 0]) & np.isfinite(wanted[..., 0])
-    assert both.mean() > 0.6
-    assert np.linalg.norm(found - wanted, axis=-1)[both].max() < NEAR
+    result, expected = coordinates(page, *size), python_view(line, folder).coordinates(exact=True)
+    is_finite = np.isfinite(result[..., 0]) & np.isfinite(expected[..., 0])
+    assert is_finite.mean() > 0.6
+    assert np.linalg.norm(result - expected, axis=-1)[is_finite].max() < TOLERANCE_PX
 
 
 def test_panorama_is_complete_or_fills_stage(page):
-    settled(page)
+    wait_for_views(page)
     boxes = page.evaluate(HALVES)
     assert boxes["view"][3] < 0.8 * boxes["pane"][3]
     page.get_by_role("button", name="Fill").click()
@@ -117,12 +117,12 @@ def test_panorama_is_complete_or_fills_stage(page):
     page.mouse.down()
     page.mouse.move(x + width / 2 - 50, y + height / 2)
     page.mouse.up()
-    around = float(
+    span_deg = float(
         command(page, round(width), round(height)).split("--set view.span_deg=")[1].split()[0]
     )
-    assert around < 300
-    assert state(page)["pan"] == pytest.approx(50 / width * around, rel=0.01)
-    look(page, mode="dome")
+    assert span_deg < 300
+    assert state(page)["pan"] == pytest.approx(50 / width * span_deg, rel=0.01)
+    set_state(page, mode="dome")
     fill = page.get_by_role("button", name="Fill")
     assert fill.get_attribute("aria-disabled") == "true"
     fill.click(force=True)
@@ -135,7 +135,7 @@ def test_raw_image_next_to_view(page):
     page.wait_for_function(
         "document.querySelector('#frame').contains(document.querySelector('#circle'))"
     )
-    settled(page)
+    wait_for_views(page)
     boxes = page.evaluate(HALVES)
     assert boxes["circle"][2] > 0.9 * boxes["pane"][2] > 250
     assert boxes["circle"][0] + boxes["circle"][2] <= boxes["view"][0]
@@ -150,7 +150,7 @@ def test_raw_image_next_to_view(page):
 
 def test_stored_views_are_displayed_together(page, folder):
     page.get_by_role("button", name="Store view").click()
-    look(page, mode="perspective", pan=40, tilt=-10, hfov=60)
+    set_state(page, mode="perspective", pan=40, tilt=-10, hfov=60)
     page.get_by_role("button", name="Store view").click()
     name = page.get_by_label("Name of this view")
     name.fill("Door")
@@ -158,28 +158,28 @@ def test_stored_views_are_displayed_together(page, folder):
     page.get_by_role("button", name="Panorama", exact=True).click()
     assert state(page)["mode"] == "panorama"
     page.get_by_role("button", name="All views").click()
-    settled(page, 2)
+    wait_for_views(page, 2)
     left, top = page.evaluate(HALVES)["view"][:2]
-    door = page.evaluate(CELLS)[1]
-    middle = left + door[0] + door[2] / 2, top + door[1] + door[3] / 2
+    cell = page.evaluate(CELLS)[1]
+    middle = left + cell[0] + cell[2] / 2, top + cell[1] + cell[3] / 2
     page.mouse.move(*middle)
     page.mouse.down()
     page.mouse.move(middle[0] - 60, middle[1])
     page.mouse.up()
-    after = state(page)
-    assert after["mode"] == "perspective"
-    kept = json.loads(after["views"])
-    assert kept[0] == {"name": "Panorama"}
-    assert kept[1]["name"] == "Door"
-    assert kept[1]["pan"] == pytest.approx(after["pan"], abs=1e-3)
-    assert after["pan"] > 42
+    view_state = state(page)
+    assert view_state["mode"] == "perspective"
+    views = json.loads(view_state["views"])
+    assert views[0] == {"name": "Panorama"}
+    assert views[1]["name"] == "Door"
+    assert views[1]["pan"] == pytest.approx(view_state["pan"], abs=1e-3)
+    assert view_state["pan"] > 42
     page.wait_for_function("location.hash.includes('all=true')")
-    settled(page, 2)
+    wait_for_views(page, 2)
     check_cell(page, folder, 1)
     page.get_by_role("button", name="Remove Door").click()
     assert json.loads(state(page)["views"]) == [{"name": "Panorama"}]
     page.get_by_role("button", name="All views").click()
-    settled(page)
+    wait_for_views(page)
 
 
 def check_cell(page, folder, index: int) -> None:
@@ -193,30 +193,30 @@ def check_cell(page, folder, index: int) -> None:
       const places = [0.1, 0.5, 0.9].flatMap((a) => [0.2, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));
       return { line: look.commands().split("\\n")[index], places, found: places.map(([x, y]) => at(x, y)) };
     }"""  # noqa: E501
-    told = page.evaluate(script, index)
-    wanted = python_view(told["line"], folder).coordinates(exact=True)
-    compared = 0
-    for (x, y), (u, v, seen) in zip(told["places"], told["found"], strict=True):
-        if seen < 0.5 or not np.isfinite(wanted[y, x]).all():
+    result = page.evaluate(script, index)
+    expected = python_view(result["line"], folder).coordinates(exact=True)
+    count = 0
+    for (x, y), (u, v, valid) in zip(result["places"], result["found"], strict=True):
+        if valid < 0.5 or not np.isfinite(expected[y, x]).all():
             continue
-        assert [u, v] == pytest.approx(wanted[y, x], abs=NEAR)
-        compared += 1
-    assert compared >= 3
+        assert [u, v] == pytest.approx(expected[y, x], abs=TOLERANCE_PX)
+        count += 1
+    assert count >= 3
 
 
 @pytest.mark.full
 def test_all_views_without_stored_views(page):
     page.get_by_role("button", name="All views").click()
-    settled(page, 5)
+    wait_for_views(page, 5)
     names = [view["name"] for view in json.loads(state(page)["views"])]
     assert names == ["Panorama", "Ahead", "Right", "Behind", "Left"]
     cells = page.evaluate(CELLS)
     for i, a in enumerate(cells):
         for b in cells[:i]:
-            over = [min(a[k] + a[k + 2], b[k] + b[k + 2]) - max(a[k], b[k]) for k in (0, 1)]
-            assert min(over) <= 0, (a, b)
+            overlap = [min(a[k] + a[k + 2], b[k] + b[k + 2]) - max(a[k], b[k]) for k in (0, 1)]
+            assert min(overlap) <= 0, (a, b)
     page.get_by_role("button", name="All views").click()
-    settled(page)
+    wait_for_views(page)
 
 
 @pytest.fixture(scope="module")
@@ -230,7 +230,7 @@ def two(folder):
         yield address
 
 
-AT = """(index) => {
+CELL_COLOURS = """(index) => {
   const { look } = window.omnimirror, { left, top, view } = look.layout.places[index];
   const copy = new OffscreenCanvas(look.layout.view.width, look.layout.view.height).getContext("2d");
   copy.drawImage(look.drawn(), 0, 0);
@@ -243,26 +243,26 @@ AT = """(index) => {
 
 def check_colours(page, folder, index: int) -> None:
     """Check that one of several views has the colours of its command line, from its own image."""
-    told = page.evaluate(AT, index)
-    dewarper = python_view(told["line"], folder)
-    wanted = dewarper(read_image(folder / shlex.split(told["line"])[2]))
-    compared = 0
-    for (x, y), (r, g, b, opaque) in zip(told["places"], told["colours"], strict=True):
-        if opaque == 255 and wanted[y, x].any():
-            assert [r, g, b] == pytest.approx(wanted[y, x][:3], abs=4)
-            compared += 1
-    assert compared >= 8
+    result = page.evaluate(CELL_COLOURS, index)
+    dewarper = python_view(result["line"], folder)
+    expected = dewarper(read_image(folder / shlex.split(result["line"])[2]))
+    count = 0
+    for (x, y), (r, g, b, opaque) in zip(result["places"], result["colours"], strict=True):
+        if opaque == 255 and expected[y, x].any():
+            assert [r, g, b] == pytest.approx(expected[y, x][:3], abs=4)
+            count += 1
+    assert count >= 8
 
 
 def test_all_sources_side_by_side_with_own_sensors(browser, two, folder):
     page = open_page(browser, f"{two}#source=server%3Asource", 1000, 900, reduced_motion="reduce")
     page.wait_for_function("window.omnimirror.look.feed?.name === 'picture.png'")
     page.get_by_role("button", name="All views").click()
-    seen = (
+    condition = (
         "window.omnimirror.look.layout?.places.length === 2 && "
         "window.omnimirror.look.layout.places.every((p) => p.cameraFeed)"
     )
-    page.wait_for_function(seen)
+    page.wait_for_function(condition)
     assert [view["name"] for view in json.loads(state(page)["views"])] == [
         "picture.png",
         "yard.png",
@@ -275,33 +275,33 @@ def test_all_sources_side_by_side_with_own_sensors(browser, two, folder):
     page.wait_for_function(
         "window.omnimirror.look.sensor.camera.model.id === 'paper-hyperboloidal'"
     )
-    look(page, mode="dome", pan=30.0)
+    set_state(page, mode="dome", pan=30.0)
     page.wait_for_function("JSON.parse(window.omnimirror.store.state.views)[1].mode === 'dome'")
     page.get_by_role(
         "button", name="picture.png"
     ).click()  # the first is moved, the other is unchanged
     page.wait_for_function("window.omnimirror.look.feed.name === 'picture.png'")
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'paper-spherical'")
-    look(page, pan=-20.0)
-    page.wait_for_function(seen)
+    set_state(page, pan=-20.0)
+    page.wait_for_function(condition)
     for index in (0, 1):
         check_colours(page, folder, index)
     lines = page.evaluate("window.omnimirror.look.commands()").split("\n")
-    words = ("yard.png", "paper-hyperboloidal", "--view dome")
-    assert [[word in line for word in words] for line in lines] == [[False] * 3, [True] * 3]
+    terms = ("yard.png", "paper-hyperboloidal", "--view dome")
+    assert [[term in line for term in terms] for line in lines] == [[False] * 3, [True] * 3]
     write_image(folder / "own.png", pattern((1024, 1024))[:, ::-1])
     drop(page, folder / "own.png")  # replaces the first
     page.get_by_role("button", name="yard.png").click()
     page.wait_for_function("window.omnimirror.look.feed.name === 'yard.png'")
-    page.wait_for_function(seen)
+    page.wait_for_function(condition)
     check_colours(page, folder, 0)
     page.wait_for_function("location.hash.includes('yard.png')")
     page.reload()  # the link contains the complete state
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
-    page.wait_for_function(seen)
+    page.wait_for_function(condition)
     check_colours(page, folder, 1)
     page.get_by_role("button", name="All views").click()
-    settled(page)
+    wait_for_views(page)
     page.wait_for_function("window.omnimirror.look.additional.feeds.size === 0")
     assert page.problems == []
     page.context.close()
@@ -337,12 +337,12 @@ def test_unavailable_camera_is_reported_in_its_cell(browser, tmp_path):
         pytest.param((844, 390), id="across"),
     ],
 )
-def test_phone_displays_image_first(size, browser, rooms):  # noqa: F811
-    page = open_page(browser, rooms, *size, has_touch=True)
+def test_phone_displays_image_first(size, browser, placeholder_server):  # noqa: F811
+    page = open_page(browser, placeholder_server, *size, has_touch=True)
     page.get_by_role("button", name="Try the demo room").tap()  # one of three
     page.wait_for_function("window.omnimirror.look.feed")
     page.wait_for_selector("#view:visible")
-    page.wait_for_function(f"({SHARE})() >= 0.6")
+    page.wait_for_function(f"({VIEW_SHARE})() >= 0.6")
     assert page.evaluate("document.scrollingElement.scrollWidth") == size[0]
     for mode in ("Dome", "Perspective"):
         page.locator("#modes label").filter(has_text=mode).tap()

@@ -52,27 +52,27 @@ def test_nodes_are_exact_and_few_rays_are_traced(name, monkeypatch):
 
     nodes, n = values[: 2 * layout.lattice**2].reshape(-1, 2), layout.lattice
     starts = values[-3 * n**2 :].reshape(-1, 3)
-    chosen = np.random.default_rng(0).integers(0, n * n, 4000)
-    x, y = (np.linspace(-layout.last, layout.last, n)[part] for part in (chosen % n, chosen // n))
+    indices = np.random.default_rng(0).integers(0, n * n, 4000)
+    x, y = (np.linspace(-layout.last, layout.last, n)[part] for part in (indices % n, indices // n))
     axis, right, down = frame_of(sensor)
     s = np.hypot(x, y)
-    inside = s < 1
+    is_inside = s < 1
     cos = np.sqrt(np.maximum(1 - s * s, 0))
     directions = (
         np.outer(1 - 2 * s * s, axis) + np.outer(2 * cos * x, right) + np.outer(2 * cos * y, down)
     )
-    pixels, seen = project(sensor, directions[inside])
-    assert seen.sum() > 1000
-    assert np.abs(nodes[chosen][inside][seen] - pixels[seen]).max() <= np.spacing(
-        np.float32(pixels[seen].max())
+    pixels, is_visible = project(sensor, directions[is_inside])
+    assert is_visible.sum() > 1000
+    assert np.abs(nodes[indices][is_inside][is_visible] - pixels[is_visible]).max() <= np.spacing(
+        np.float32(pixels[is_visible].max())
     )
-    rays = sensor.backproject(pixels[seen])
+    rays = sensor.backproject(pixels[is_visible])
     truth = rays.origins @ np.stack([axis, right, down], axis=-1)
-    off, size = (
-        np.abs(starts[chosen][inside][seen] - truth)[rays.valid],
+    error, size = (
+        np.abs(starts[indices][is_inside][is_visible] - truth)[rays.valid],
         np.abs(truth[rays.valid]).max(),
     )
-    assert off.max() <= 1.5 * np.spacing(
+    assert error.max() <= 1.5 * np.spacing(
         np.float32(size)
     )  # 0.5 for their storage, 1 for the polynomial
 
@@ -89,14 +89,14 @@ def test_field_limit_agrees_with_bisection(name):
     low, high = np.zeros(len(phi)), np.ones(len(phi))
     for _ in range(30):
         s = (low + high) / 2
-        across = 2 * s * np.sqrt(1 - s * s)
-        towards = (
+        radial = 2 * s * np.sqrt(1 - s * s)
+        directions = (
             np.outer(1 - 2 * s * s, axis)
-            + np.outer(across * np.cos(phi), right)
-            + np.outer(across * np.sin(phi), down)
+            + np.outer(radial * np.cos(phi), right)
+            + np.outer(radial * np.sin(phi), down)
         )
-        seen = sensor.project_directions(towards).valid
-        low, high = np.where(seen, s, low), np.where(seen, high, s)
+        is_visible = sensor.project_directions(directions).valid
+        low, high = np.where(is_visible, s, low), np.where(is_visible, high, s)
     assert np.abs(limits[::7] - low).max() < 3e-7
 
 
@@ -104,20 +104,20 @@ def test_kink_between_nodes_is_resolved():
     """A kink of the interpolated function is computed exactly."""
     side = np.linspace(-1.0, 1.0, 65)
 
-    def bent(at):
-        return np.stack([np.abs(at[:, 0] - 0.3), at[:, 1]], axis=-1)
+    def kinked(points):
+        return np.stack([np.abs(points[:, 0] - 0.3), points[:, 1]], axis=-1)
 
-    found = lattice_of(bent, side)
-    assert np.abs(found[..., 0] - np.abs(side - 0.3)).max() < 1e-7
-    assert np.abs(found[..., 1] - side[:, None]).max() < 1e-7
+    lattice = lattice_of(kinked, side)
+    assert np.abs(lattice[..., 0] - np.abs(side - 0.3)).max() < 1e-7
+    assert np.abs(lattice[..., 1] - side[:, None]).max() < 1e-7
 
 
 def test_step_adds_nodes_only_along_its_edge():
-    side, asked = np.linspace(-1.1, 1.1, 257), []
+    side, point_counts = np.linspace(-1.1, 1.1, 257), []
 
-    def stepped(at):
-        asked.append(len(at))
-        x, y = at.T
+    def step_function(points):
+        point_counts.append(len(points))
+        x, y = points.T
         return np.stack(
             [
                 np.where(np.hypot(x, y) < 1, np.sin(x + y), np.nan),
@@ -126,24 +126,26 @@ def test_step_adds_nodes_only_along_its_edge():
             -1,
         )
 
-    whole, costs = lattice_of(stepped, side), [sum(asked)]
-    asked.clear()
-    in_parts = lattice_of(stepped, side, lambda values: (values[..., 1] > 0.5).astype(int))
-    costs.append(sum(asked))
-    true = stepped(np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)).reshape(in_parts.shape)
-    for found in (whole, in_parts):
-        known = np.isfinite(found[..., 0])
-        assert known.sum() == np.isfinite(true[..., 0]).sum()
-        assert np.abs(found - true)[known].max() <= np.spacing(np.float32(1.0))
+    continuous, costs = lattice_of(step_function, side), [sum(point_counts)]
+    point_counts.clear()
+    piecewise = lattice_of(step_function, side, lambda values: (values[..., 1] > 0.5).astype(int))
+    costs.append(sum(point_counts))
+    expected = step_function(np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)).reshape(
+        piecewise.shape
+    )
+    for lattice in (continuous, piecewise):
+        is_finite = np.isfinite(lattice[..., 0])
+        assert is_finite.sum() == np.isfinite(expected[..., 0]).sum()
+        assert np.abs(lattice - expected)[is_finite].max() <= np.spacing(np.float32(1.0))
     assert costs[1] < 0.75 * costs[0]
 
 
 def test_tables_extend_beyond_field_limit_by_few_nodes():
     x, y = np.meshgrid(np.arange(30.0), np.arange(30.0))
     cubic = np.stack([x**3 - 2 * x * y, y**2 + x], axis=-1)
-    cut = np.where((np.hypot(x - 15, y - 15) < 8)[..., None], cubic, np.nan)
-    found = continued(cut)
-    told = np.isfinite(found[..., 0])
-    assert np.allclose(found[told], cubic[told])
-    assert told[15, 15 + 11]
-    assert not told[15, 15 + 13]
+    truncated = np.where((np.hypot(x - 15, y - 15) < 8)[..., None], cubic, np.nan)
+    extended = continued(truncated)
+    is_finite = np.isfinite(extended[..., 0])
+    assert np.allclose(extended[is_finite], cubic[is_finite])
+    assert is_finite[15, 15 + 11]
+    assert not is_finite[15, 15 + 13]

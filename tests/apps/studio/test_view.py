@@ -18,11 +18,11 @@ from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, save_sensor
 from tests.commands import omnimirror
 
-from .browser import command, coordinates, drawn, drop, look, open_page
-from .pictures import pattern, psnr, python_view
+from .browser import command, coordinates, drop, open_page, set_state, view_pixels
+from .images import pattern, psnr, python_view
 
 SIZE = (120, 90)
-NEAR = 0.02  # px
+TOLERANCE_PX = 0.02  # px
 STATES = {
     "panorama": {"mode": "panorama", "pan": 20},
     "part of a panorama": {"mode": "panorama", "pan": -100, "tilt": -10, "zoom": 3},
@@ -36,7 +36,10 @@ STATES = {
     "near dome": {"mode": "dome", "distance": 400},
 }
 ALL = pytest.param(tuple(STATES), id="all", marks=pytest.mark.full)
-OF_EVERY_DAY = ("folded-hyperboloidal", "paraboloid-telecentric")  # two mirrors, and another lens
+DEFAULT_SENSORS = (
+    "folded-hyperboloidal",
+    "paraboloid-telecentric",
+)  # two mirrors, and another lens
 OCAM = _scaramuzza.write_ocamcalib(
     om.OCam(
         polynomial=(-2.6e2, 0.0, 1.1e-3, -4.0e-7, 3.1e-9),
@@ -61,7 +64,7 @@ def page(browser, server):
 
 def choose(page, sensor: str, **state) -> None:
     """Select a camera of the server, with its own or a given mount."""
-    look(
+    set_state(
         page,
         **{"rim": None, "looks": None, "forward": None, "flipped": None, "sensor": sensor, **state},
     )
@@ -82,45 +85,47 @@ def load(page, path: Path) -> None:
     )
 
 
-def some(*names: str):
+def view_case(*names: str):
     """Return a case of several kinds of view; the full test covers all of them."""
     return pytest.param(names, id=", ".join(names))
 
 
 def check(
-    page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = tuple(STATES), **more
+    page, folder: Path, size: tuple[int, int], states: tuple[str, ...] = tuple(STATES), **view_state
 ) -> None:
     """Check that each kind of view has the coordinates and colours of its displayed command line."""
-    picture = pattern(size)
+    image = pattern(size)
     name = f"picture-{size[0]}x{size[1]}.png"
-    write_image(folder / name, picture)
+    write_image(folder / name, image)
     drop(page, folder / name)
-    look(page, **more)
+    set_state(page, **view_state)
     for name in states:
-        look(page, **{"zoom": 1, "tilt": 0, "distance": float("inf"), **STATES[name]})
-        straight = python_view(command(page, *SIZE), folder)
-        found, wanted = coordinates(page, *SIZE), straight.coordinates(exact=True)
-        assert found.shape == wanted.shape, name
-        both = np.isfinite(found[..., 0]) & np.isfinite(wanted[..., 0])
-        differ = np.isfinite(found[..., 0]) ^ np.isfinite(wanted[..., 0])
-        assert both.any(), name
-        assert differ.mean() < 0.002, f"{name}: {differ.sum()} pixels are seen by one only"
-        error = np.linalg.norm(found - wanted, axis=-1)[both]
-        assert error.max() < NEAR, f"{name}: {error.max():.4f} px, {(error > NEAR).sum()} pixels"
-        colours = drawn(page, *SIZE)
-        assert (colours[..., 3] == 255)[both].all()
-        level = psnr(colours[..., :3], straight(picture), both)
+        set_state(page, **{"zoom": 1, "tilt": 0, "distance": float("inf"), **STATES[name]})
+        dewarper = python_view(command(page, *SIZE), folder)
+        result, expected = coordinates(page, *SIZE), dewarper.coordinates(exact=True)
+        assert result.shape == expected.shape, name
+        is_finite = np.isfinite(result[..., 0]) & np.isfinite(expected[..., 0])
+        differs = np.isfinite(result[..., 0]) ^ np.isfinite(expected[..., 0])
+        assert is_finite.any(), name
+        assert differs.mean() < 0.002, f"{name}: {differs.sum()} pixels are seen by one only"
+        error = np.linalg.norm(result - expected, axis=-1)[is_finite]
+        assert error.max() < TOLERANCE_PX, (
+            f"{name}: {error.max():.4f} px, {(error > TOLERANCE_PX).sum()} pixels"
+        )
+        colours = view_pixels(page, *SIZE)
+        assert (colours[..., 3] == 255)[is_finite].all()
+        level = psnr(colours[..., :3], dewarper(image), is_finite)
         assert level > 40, f"{name}: {level:.1f} dB"
 
 
 @pytest.mark.parametrize(
     "sensor",
     [
-        name if name in OF_EVERY_DAY else pytest.param(name, marks=pytest.mark.full)
+        name if name in DEFAULT_SENSORS else pytest.param(name, marks=pytest.mark.full)
         for name in bundled_sensors()
     ],
 )
-@pytest.mark.parametrize("states", [some("panorama", "near wall"), ALL])
+@pytest.mark.parametrize("states", [view_case("panorama", "near wall"), ALL])
 def test_views_of_bundled_sensors_match_command_line(sensor, states, page, tmp_path):
     """Mirrors of all kinds, one or two of them, with lenses of both kinds."""
     choose(page, sensor)
@@ -128,14 +133,14 @@ def test_views_of_bundled_sensors_match_command_line(sensor, states, page, tmp_p
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("looks", ["down", "forward"])
-def test_flipped_and_rotated_camera_matches_command_line(looks, page, tmp_path):
-    choose(page, "paper-spherical", looks=looks, forward=33, flipped=True)
+@pytest.mark.parametrize("orientation", ["down", "forward"])
+def test_flipped_and_rotated_camera_matches_command_line(orientation, page, tmp_path):
+    choose(page, "paper-spherical", looks=orientation, forward=33, flipped=True)
     check(page, tmp_path, (1024, 1024))
 
 
 @pytest.mark.parametrize("optics", [pytest.param("mirror", marks=pytest.mark.full), "fisheye"])
-@pytest.mark.parametrize("states", [some("planet", "mosaic"), ALL])
+@pytest.mark.parametrize("states", [view_case("planet", "mosaic"), ALL])
 def test_views_of_ocamcalib_cameras_match_command_line(optics, states, page, tmp_path):
     path = tmp_path / f"calib_results_{optics}.txt"
     path.write_text(OCAM)
@@ -194,7 +199,7 @@ CALIBRATED = {
         "not-central-stretched",
     ],
 )
-@pytest.mark.parametrize("states", [some("ground", "near dome"), ALL])
+@pytest.mark.parametrize("states", [view_case("ground", "near dome"), ALL])
 def test_views_of_calibrated_cameras_match_command_line(name, states, page, tmp_path):
     camera, path = CALIBRATED[name], tmp_path / f"{tmp_path.name}.toml"
     om.save_camera(camera, path)
@@ -222,7 +227,7 @@ def test_views_of_misaligned_sensors_match_command_line(pose, page, tmp_path):
 @pytest.mark.parametrize(
     "pose", [pytest.param("decentred and tilted", marks=pytest.mark.full), "far out"]
 )
-@pytest.mark.parametrize("states", [some("perspective", "near panorama"), ALL])
+@pytest.mark.parametrize("states", [view_case("perspective", "near panorama"), ALL])
 def test_flipped_misaligned_sensor_matches_command_line(pose, states, page, tmp_path):
     path = tmp_path / f"{tmp_path.name}.toml"
     save_sensor(
@@ -243,36 +248,36 @@ def test_fitted_mirror_ball_matches_command_line(page, tmp_path):
 
 
 def test_fitted_sensor_file_reproduces_view(browser, server, tmp_path):
-    picture = pattern((640, 480))
-    write_image(tmp_path / "picture.png", picture)
+    image = pattern((640, 480))
+    write_image(tmp_path / "picture.png", image)
     page = open_page(browser, f"{server}#mode=perspective&pan=50&hfov=60")
     drop(page, tmp_path / "picture.png")
-    look(page, rim=[330.0, 250.5, 210.0])
-    with page.expect_download() as saved:
+    set_state(page, rim=[330.0, 250.5, 210.0])
+    with page.expect_download() as download:
         page.click("#save-sensor")
-    saved.value.save_as(tmp_path / saved.value.suggested_filename)
-    words = shlex.split(command(page, *SIZE))
-    run = omnimirror(*words[1:], cwd=tmp_path)
+    download.value.save_as(tmp_path / download.value.suggested_filename)
+    arguments = shlex.split(command(page, *SIZE))
+    run = omnimirror(*arguments[1:], cwd=tmp_path)
     assert run.returncode == 0, run.stderr
-    straight = read_image(tmp_path / "perspective.png")
-    found = drawn(page, *SIZE)
-    both = (straight[..., 3] > 0) & (found[..., 3] > 0)
+    expected = read_image(tmp_path / "perspective.png")
+    pixels = view_pixels(page, *SIZE)
+    both = (expected[..., 3] > 0) & (pixels[..., 3] > 0)
     assert both.mean() > 0.9
-    assert psnr(found[..., :3], straight[..., :3], both) > 40
+    assert psnr(pixels[..., :3], expected[..., :3], both) > 40
     page.context.close()
 
 
 def test_minified_detail_is_averaged(browser, server, tmp_path):
     """Compared with a Python view of eight times the size, averaged by OpenCV."""
-    picture = np.random.default_rng(4).integers(0, 256, (1024, 1024, 3)).astype(np.uint8)
-    picture = cv2.GaussianBlur(picture, (0, 0), 0.8)
-    write_image(tmp_path / "picture.png", picture)
+    image = np.random.default_rng(4).integers(0, 256, (1024, 1024, 3)).astype(np.uint8)
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    write_image(tmp_path / "picture.png", image)
     page = open_page(browser, f"{server}#mode=perspective&hfov=100&tilt=-30")
     drop(page, tmp_path / "picture.png")
     line = command(page, *SIZE).replace("120x90", "960x720")
-    wanted = cv2.resize(python_view(line, tmp_path)(picture), SIZE, interpolation=cv2.INTER_AREA)
-    seen = drawn(page, *SIZE)
-    inner = np.zeros(seen.shape[:2], bool)
+    expected = cv2.resize(python_view(line, tmp_path)(image), SIZE, interpolation=cv2.INTER_AREA)
+    pixels = view_pixels(page, *SIZE)
+    inner = np.zeros(pixels.shape[:2], bool)
     inner[8:-8, 8:-8] = True
-    assert psnr(seen[..., :3], wanted, inner & (seen[..., 3] > 0)) > 35
+    assert psnr(pixels[..., :3], expected, inner & (pixels[..., 3] > 0)) > 35
     page.context.close()

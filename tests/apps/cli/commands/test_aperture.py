@@ -24,11 +24,11 @@ def test_spots_table_figure_and_files(tmp_path):
     run = omnimirror("spots", "paper-spherical", *args)
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "s.csv", delimiter=",", names=True)
-    found = om.spots(om.load_sensor("paper-spherical"), [0, 60, 120], focus_mm=[205, 215])
-    np.testing.assert_allclose(table["rms_radius_px"], found.rms_radius_px().ravel(), rtol=1e-8)
-    np.testing.assert_allclose(table["extent_s_px"], found.extent_px()[1].ravel(), rtol=1e-8)
+    result = om.spots(om.load_sensor("paper-spherical"), [0, 60, 120], focus_mm=[205, 215])
+    np.testing.assert_allclose(table["rms_radius_px"], result.rms_radius_px().ravel(), rtol=1e-8)
+    np.testing.assert_allclose(table["extent_s_px"], result.extent_px()[1].ravel(), rtol=1e-8)
     assert (tmp_path / "s.png").read_bytes()[:4] == b"\x89PNG"
-    assert f"{found.rms_radius_px()[2, 1]:.3f}" in run.stdout
+    assert f"{result.rms_radius_px()[2, 1]:.3f}" in run.stdout
 
 
 def test_spots_f_number_table():
@@ -55,21 +55,21 @@ def test_mtf_units(tmp_path):
     run = omnimirror("mtf", "paper-spherical", *args)
     assert run.returncode == 0, run.stderr
     table = np.genfromtxt(tmp_path / "m.csv", delimiter=",", names=True)
-    found = om.mtf(om.load_sensor("paper-spherical"), [60.0], cycles_per_px=np.arange(6) / 10)
-    np.testing.assert_allclose(table["mtf_t"], found.tangential[0], atol=1e-9)
+    result = om.mtf(om.load_sensor("paper-spherical"), [60.0], cycles_per_px=np.arange(6) / 10)
+    np.testing.assert_allclose(table["mtf_t"], result.tangential[0], atol=1e-9)
     np.testing.assert_allclose(table["lp_per_mm"], np.arange(6) / 10 / 0.0052, rtol=1e-9)
-    np.testing.assert_allclose(table["cycles_per_deg_s"], found.cycles_per_deg_s[0], rtol=1e-9)
+    np.testing.assert_allclose(table["cycles_per_deg_s"], result.cycles_per_deg_s[0], rtol=1e-9)
     assert "<text" in (tmp_path / "m.svg").read_text()
 
 
 def test_psf_and_encircled_energy_figures(tmp_path):
-    pictures = []
+    images = []
     for content in ("images", "encircled_energy"):
         args = ["--omega-deg", "0,90", "--focus-mm", "auto", "-o", tmp_path / f"{content}.png"]
         run = omnimirror("psf", "paper-spherical", *args, "--set", f"figure.content={content}")
         assert run.returncode == 0, run.stderr
-        pictures.append((tmp_path / f"{content}.png").read_bytes())
-    assert pictures[0] != pictures[1]
+        images.append((tmp_path / f"{content}.png").read_bytes())
+    assert images[0] != images[1]
 
 
 def test_illumination_of_metal(tmp_path):

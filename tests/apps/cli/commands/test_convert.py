@@ -18,17 +18,17 @@ def test_round_trip_between_formats(tmp_path):
         p2=-2e-3,
     )
     om.save_camera(camera, tmp_path / "a.toml")
-    out = omnimirror("convert", "a.toml", "-o", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
-    assert out.returncode == 0
-    assert out.stdout.startswith("omnimirror to kalibr-omni: exact\nNote: the image is mirrored:")
-    assert out.stdout.endswith("Wrote b.yaml\n")
-    back = omnimirror("convert", "b.yaml", "-o", "c.toml", cwd=tmp_path)
-    assert back.returncode == 0
+    run = omnimirror("convert", "a.toml", "-o", "b.yaml", "--to", "kalibr-omni", cwd=tmp_path)
+    assert run.returncode == 0
+    assert run.stdout.startswith("omnimirror to kalibr-omni: exact\nNote: the image is mirrored:")
+    assert run.stdout.endswith("Wrote b.yaml\n")
+    second_run = omnimirror("convert", "b.yaml", "-o", "c.toml", cwd=tmp_path)
+    assert second_run.returncode == 0
     assert om.load_camera(tmp_path / "c.toml") == camera
 
 
 def test_standard_output(tmp_path):
-    out = omnimirror(
+    run = omnimirror(
         "convert",
         "paper-hyperboloidal",
         "-o",
@@ -39,13 +39,13 @@ def test_standard_output(tmp_path):
         "1",
         cwd=tmp_path,
     )
-    assert out.returncode == 0
-    assert yaml.safe_load(out.stdout)["cam0"]["camera_model"] == "eucm"
-    assert "fitted model" in out.stderr
+    assert run.returncode == 0
+    assert yaml.safe_load(run.stdout)["cam0"]["camera_model"] == "eucm"
+    assert "fitted model" in run.stderr
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "message"),
     [
         ([], "set tolerance_px"),
         pytest.param(
@@ -58,8 +58,8 @@ def test_standard_output(tmp_path):
         (["--from", "kalibre"], "kalibr"),
     ],
 )
-def test_invalid_arguments_print_one_line(tmp_path, options, sentence):
-    out = omnimirror(
+def test_invalid_arguments_print_one_line(tmp_path, options, message):
+    run = omnimirror(
         "convert",
         "paper-spherical",
         "-o",
@@ -69,9 +69,9 @@ def test_invalid_arguments_print_one_line(tmp_path, options, sentence):
         *options,
         cwd=tmp_path,
     )
-    assert out.returncode in (1, 2)
-    assert sentence in out.stderr
-    assert out.stderr.count("\n") == 1
+    assert run.returncode in (1, 2)
+    assert message in run.stderr
+    assert run.stderr.count("\n") == 1
     assert not (tmp_path / "a.yaml").exists()
 
 
@@ -110,9 +110,9 @@ def test_inconsistent_file_is_reported(tmp_path):
     )
     text = (tmp_path / "a.txt").read_text().replace("380.0 515.0", "515.0 380.0")
     (tmp_path / "a.txt").write_text(text)
-    sentence = "the centre (380, 515) is 186 px from the centre of the 1024 x 768 px image"
-    out = omnimirror("convert", "a.txt", "-o", "b.toml", cwd=tmp_path)
-    assert f"Note: {sentence}" in out.stdout
-    out = omnimirror("evaluate", "a.txt", cwd=tmp_path)
-    assert out.returncode == 0
-    assert f"Warning: a.txt: {sentence}" in out.stderr
+    message = "the centre (380, 515) is 186 px from the centre of the 1024 x 768 px image"
+    run = omnimirror("convert", "a.txt", "-o", "b.toml", cwd=tmp_path)
+    assert f"Note: {message}" in run.stdout
+    run = omnimirror("evaluate", "a.txt", cwd=tmp_path)
+    assert run.returncode == 0
+    assert f"Warning: a.txt: {message}" in run.stderr

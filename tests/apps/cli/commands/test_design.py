@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from tests.commands import fails, omnimirror
 
-COMMON = [
+COMMON_OPTIONS = [
     "--mapping",
     "equidistant",
     "--omega-max-deg",
@@ -25,7 +25,7 @@ COMMON = [
 def test_design_from_options(tmp_path):
     run = omnimirror(
         "design",
-        *COMMON,
+        *COMMON_OPTIONS,
         "--focal-length-mm",
         11.6,
         "-o",
@@ -57,8 +57,8 @@ def test_infeasible_requirements_print_relaxations_and_exit_with_3(tmp_path):
         r["name"] for r in conflict["alone"] if r["needed"] is not None
     }
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "sphere"  # the best feasible choice
-    eased = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
-    assert eased.returncode == 0, eased.stdout
+    second_run = omnimirror("design", "r.toml", "--f-number", 6, cwd=tmp_path)
+    assert second_run.returncode == 0, second_run.stdout
 
 
 def test_check_of_bundled_sensor(tmp_path):
@@ -70,13 +70,13 @@ def test_check_of_bundled_sensor(tmp_path):
     worst = om.evaluate(
         om.load_sensor("paper-spherical"), np.linspace(0, 130, 1001)
     ).dh_domega_px_per_deg.min()
-    for at_least, code in ((worst - 1, 0), (worst + 1, 3)):
+    for min_value, code in ((worst - 1, 0), (worst + 1, 3)):
         lines = (
             "field.omega_max_deg = 130",
             mirror,
             "lens.focal_length_mm = 11.6",
             limit,
-            f"at_least = {at_least}",
+            f"at_least = {min_value}",
         )
         file.write_text("\n".join(lines))
         run = omnimirror("check", "r.toml", "paper-spherical", "--json", "t.json", cwd=tmp_path)
@@ -89,7 +89,7 @@ def test_check_of_bundled_sensor(tmp_path):
             "dh_domega_px_per_deg",
             pytest.approx(worst, rel=1e-6),
         )
-        assert row["margin"] == pytest.approx(worst - at_least, rel=1e-5)
+        assert row["margin"] == pytest.approx(worst - min_value, rel=1e-5)
     assert json.loads(omnimirror("check", file, "paper-spherical", "--json", "-").stdout) == table
     assert "the lens of the sensor must be" in fails("check", file, "paraboloid-telecentric")
     housed = omnimirror(
@@ -103,17 +103,17 @@ def test_check_of_bundled_sensor(tmp_path):
     [
         ([], "specify a requirement file, or a field and a mirror by options"),
         (["no.toml"], "cannot read the requirement file no.toml: the file does not exist"),
-        ([*COMMON, "--mirror", "spher"], "got mapping and family"),
-        (["--mirror", "spher", *COMMON[2:]], "got 'spher'; did you mean sphere?"),
-        ([*COMMON, "--set", "mirror.fit=poly:3"], "got 'poly:3'"),
-        ([*COMMON, "--f-number", "8:4"], "lens.f_number must be a number"),
-        ([*COMMON[:6], "--theta-max-deg", 60], "is missing|rim_radius_mm is missing"),
+        ([*COMMON_OPTIONS, "--mirror", "spher"], "got mapping and family"),
+        (["--mirror", "spher", *COMMON_OPTIONS[2:]], "got 'spher'; did you mean sphere?"),
+        ([*COMMON_OPTIONS, "--set", "mirror.fit=poly:3"], "got 'poly:3'"),
+        ([*COMMON_OPTIONS, "--f-number", "8:4"], "lens.f_number must be a number"),
+        ([*COMMON_OPTIONS[:6], "--theta-max-deg", 60], "is missing|rim_radius_mm is missing"),
         (["--omega-max-deg", 120], "the table [mirror] is missing"),
     ],
 )
 def test_invalid_arguments_print_one_line(args, message, tmp_path):
-    said = fails("design", *args, cwd=tmp_path)
-    assert any(part in said for part in message.split("|")), said
+    output = fails("design", *args, cwd=tmp_path)
+    assert any(part in output for part in message.split("|")), output
     assert list(tmp_path.iterdir()) == []
 
 
@@ -142,13 +142,13 @@ def test_relaxations_are_printed_as_elevations(tmp_path):
         'family = "sphere"\nrim_radius_mm = 30.0\n[lens]\nfocal_length_mm = 11.6\n'
         '[[limit]]\nquantity = "resolution_px_per_deg"\nat_least = 6.0\nelevation_deg = 0\n'
     )
-    said = omnimirror("design", tmp_path / "watch.toml").stdout
-    assert "Infeasible requirements: resolution_px_per_deg, elevation 0 deg." in said
-    told = said[said.index("Infeasible") :]
-    assert "90 deg" not in told
-    assert "omega_" not in told
-    asked = [line for line in told.splitlines() if "elevation at the rim: " in line]
-    assert all(line.endswith("instead of 20 deg") for line in asked)
-    assert asked
-    assert "f_number" not in told  # does not increase the image
-    assert "rim_radius_mm" not in told
+    output = omnimirror("design", tmp_path / "watch.toml").stdout
+    assert "Infeasible requirements: resolution_px_per_deg, elevation 0 deg." in output
+    text = output[output.index("Infeasible") :]
+    assert "90 deg" not in text
+    assert "omega_" not in text
+    elevations = [line for line in text.splitlines() if "elevation at the rim: " in line]
+    assert all(line.endswith("instead of 20 deg") for line in elevations)
+    assert elevations
+    assert "f_number" not in text  # does not increase the image
+    assert "rim_radius_mm" not in text

@@ -135,8 +135,8 @@ SEARCH = (
 
 def test_optimise_replaces_mapping_of_file(tmp_path):
     (tmp_path / "r.toml").write_text(REQUIREMENTS)
-    met = omnimirror(*SEARCH, "--f-number", 8, "-o", "s.toml", cwd=tmp_path)
-    assert met.returncode == 0, met.stdout + met.stderr
+    run = omnimirror(*SEARCH, "--f-number", 8, "-o", "s.toml", cwd=tmp_path)
+    assert run.returncode == 0, run.stdout + run.stderr
     assert om.load_sensor(tmp_path / "s.toml").mirror.KIND == "even-polynomial"
 
 
@@ -144,12 +144,12 @@ def test_optimise_replaces_mapping_of_file(tmp_path):
 @pytest.mark.long
 def test_optimised_requirements_report_conflicts(tmp_path):
     (tmp_path / "r.toml").write_text(REQUIREMENTS)
-    missed = omnimirror(*SEARCH, "--json", "t.json", cwd=tmp_path)
-    assert missed.returncode == 3, missed.stdout + missed.stderr
-    assert "Infeasible requirements: total_blur_px." in missed.stdout
+    run = omnimirror(*SEARCH, "--json", "t.json", cwd=tmp_path)
+    assert run.returncode == 3, run.stdout + run.stderr
+    assert "Infeasible requirements: total_blur_px." in run.stdout
     conflict = json.loads((tmp_path / "t.json").read_text())["conflict"]
-    helpful = {r["name"] for r in conflict["alone"] if r["needed"] is not None}
-    assert {"total_blur_px", "f_number", "omega_max_deg"} <= helpful
+    names = {r["name"] for r in conflict["alone"] if r["needed"] is not None}
+    assert {"total_blur_px", "f_number", "omega_max_deg"} <= names
     assert 0 < conflict["joint_change"] < 0.5
 
 
@@ -202,9 +202,9 @@ def test_interrupted_search_is_resumed(tmp_path):
         "search.resume=search.json",
     )
     # background processes ignore SIGINT by default
-    listens = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    signal_setup = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
     main = "from omnimirror.apps.cli import main; main(sys.argv[1:])"
-    program = [sys.executable, "-c", listens + main, *search, "-o", "best.toml"]
+    program = [sys.executable, "-c", signal_setup + main, *search, "-o", "best.toml"]
     process = subprocess.Popen(
         program, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -212,22 +212,22 @@ def test_interrupted_search_is_resumed(tmp_path):
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate()
-    assert process.returncode == 130, err
-    assert "Stopped" in out
+    output, error_output = process.communicate()
+    assert process.returncode == 130, error_output
+    assert "Stopped" in output
     assert om.load_sensor(tmp_path / "best.toml").mirror.KIND == "slope-spline"
-    kept = len(json.loads((tmp_path / "search.json").read_text())["runs"])
-    assert 0 < kept < 12
+    run_count = len(json.loads((tmp_path / "search.json").read_text())["runs"])
+    assert 0 < run_count < 12
     problem = DesignProblem(terms=16)
-    told = []
+    progress = []
     optimise(
         problem,
         "worst_blur_deg",
-        starts=kept + 1,
+        starts=run_count + 1,
         resume=tmp_path / "search.json",
-        on_progress=told.append,
+        on_progress=progress.append,
     )
-    assert {p.run for p in told} == {kept}
+    assert {p.run for p in progress} == {run_count}
 
 
 def test_apertures_and_parts_print_tables(tmp_path):
@@ -237,8 +237,8 @@ def test_apertures_and_parts_print_tables(tmp_path):
     run = omnimirror("parts", "paper-spherical", "-o", "bought.toml", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "exceeds" in run.stdout
-    bought = om.load_sensor(tmp_path / "bought.toml")
-    assert bought.mirror == om.load_sensor("paper-spherical").mirror
+    sensor = om.load_sensor(tmp_path / "bought.toml")
+    assert sensor.mirror == om.load_sensor("paper-spherical").mirror
     assert "no sensor file was written" in fails(
         "parts", "paper-spherical", "typical", "--min-fill", 0.99999, "-o", "x.toml", cwd=tmp_path
     )
@@ -248,7 +248,7 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--set", "search.
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("arguments", "message"),
     [
         ([*OPTIMISE, "--at-most", "area_ratio"], "QUANTITY=NUMBER"),
         ([*OPTIMISE, "--at-most", "sharpness=3"], "got 'sharpness'"),
@@ -317,5 +317,5 @@ OPTIMISE = ["design", "--optimise", "worst_floored_area_deg2", "--set", "search.
         (["parts", "paper-spherical", "nowhere.toml"], "cannot read"),
     ],
 )
-def test_invalid_arguments_print_one_line(arguments, sentence):
-    assert sentence in fails(*arguments)
+def test_invalid_arguments_print_one_line(arguments, message):
+    assert message in fails(*arguments)

@@ -125,28 +125,28 @@ VIEWS = [
 
 
 @pytest.mark.parametrize(
-    ("picture", "source", "view"),
+    ("image_file", "source", "view"),
     [  # all views of two cameras; one view and one mosaic of the others
         pytest.param(*camera, view, marks=() if i in (0, 5) or k in (0, 6) else pytest.mark.full)
         for i, camera in enumerate(CAMERAS)
         for k, view in enumerate(VIEWS)
     ],
 )
-def test_all_views_of_all_cameras(folder, capsys, picture, source, view):
+def test_all_views_of_all_cameras(folder, capsys, image_file, source, view):
     if "camera.optics=fisheye" in source and "--tilt-deg" in view:
         view = [*view[:-1], "40"]
-    assert dewarp(picture, *source, *view, "-o", "out.png") == 0
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert said.out.count("\n") == 1
-    assert said.out.startswith("out.png: ")
-    straight = om.read_image("out.png")
-    assert straight.shape[2] == 4
-    assert f"{straight.shape[1]} x {straight.shape[0]} px" in said.out
-    value = om.read_image(picture).flat[0]
-    assert set(np.unique(straight[..., 0])) <= {0, value}
-    assert (straight[..., 0] == value).mean() > 0.05
-    np.testing.assert_array_equal(straight[..., 3] == 255, straight[..., 0] == value)
+    assert dewarp(image_file, *source, *view, "-o", "out.png") == 0
+    output = capsys.readouterr()
+    assert output.err == ""
+    assert output.out.count("\n") == 1
+    assert output.out.startswith("out.png: ")
+    image = om.read_image("out.png")
+    assert image.shape[2] == 4
+    assert f"{image.shape[1]} x {image.shape[0]} px" in output.out
+    value = om.read_image(image_file).flat[0]
+    assert set(np.unique(image[..., 0])) <= {0, value}
+    assert (image[..., 0] == value).mean() > 0.05
+    np.testing.assert_array_equal(image[..., 3] == 255, image[..., 0] == value)
 
 
 def test_printed_line_describes_view(folder, capsys):
@@ -357,18 +357,18 @@ def test_zoom_beyond_resolution_is_reported(folder, capsys):
     )
     assert "hfov 32.8" in limited.out
     assert dewarp(*args, "--set", "view.zoom=50", "--set=view.allow_upsampling=true") == 0
-    past = capsys.readouterr()
-    assert past.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (59.0")
-    assert past.err.endswith(" output pixels per source pixel)\n")
-    assert "hfov 2.29" in past.out
+    output = capsys.readouterr()
+    assert output.err.startswith("omnimirror: zoom 50 exceeds the resolution of the sensor (59.0")
+    assert output.err.endswith(" output pixels per source pixel)\n")
+    assert "hfov 2.29" in output.out
     assert dewarp(*args, "--set", "view.zoom=3") == 0
     assert capsys.readouterr().err == ""
 
 
 def test_mount_options_rotate_view(folder):
     rng = np.random.default_rng(0)
-    picture = rng.integers(1, 255, (1024, 1024, 3), np.uint8)
-    om.write_image("a.png", picture)
+    image = rng.integers(1, 255, (1024, 1024, 3), np.uint8)
+    om.write_image("a.png", image)
     args = [
         "a.png",
         *SPHERE,
@@ -387,7 +387,7 @@ def test_mount_options_rotate_view(folder):
     )
     # for an upward camera, pan to the right decreases the azimuth: 0 - 90 is the top again
     np.testing.assert_array_equal(om.read_image("top.png"), om.read_image("right.png"))
-    om.write_image("b.png", picture[:, ::-1])
+    om.write_image("b.png", image[:, ::-1])
     assert dewarp("b.png", *args[1:], "--set=camera.image_flipped=true", "-o", "flipped.png") == 0
     difference = np.abs(om.read_image("flipped.png").astype(int) - om.read_image("top.png"))
     assert difference.mean() < 2
@@ -401,10 +401,10 @@ def test_transparency_by_file_format(folder, name, channels):
         dewarp("sphere.png", *SPHERE, "--size", "60x40", "--elevation-deg", "-90:90", "-o", name)
         == 0
     )
-    straight = om.read_image(name)
-    assert straight.shape == (40, 60, channels)
-    assert (straight[:9] < 20).all()
-    assert (straight[12:] > 190).all()
+    view = om.read_image(name)
+    assert view.shape == (40, 60, channels)
+    assert (view[:9] < 20).all()
+    assert (view[12:] > 190).all()
 
 
 def test_black_keeps_channels(folder):
@@ -422,9 +422,9 @@ def test_black_keeps_channels(folder):
         )
         == 0
     )
-    straight = om.read_image("o.tif")
-    assert (straight.dtype, straight.shape) == (np.uint16, (40, 60))
-    assert (straight[0, 0], straight[20, 20]) == (0, 50_000)
+    view = om.read_image("o.tif")
+    assert (view.dtype, view.shape) == (np.uint16, (40, 60))
+    assert (view[0, 0], view[20, 20]) == (0, 50_000)
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "nearest", "linear", "cubic", "area"])
@@ -444,7 +444,7 @@ def test_all_interpolations(folder, interpolation):
 
 
 @pytest.mark.parametrize(
-    ("picture", "source", "border", "expected"),
+    ("image_file", "source", "border", "expected"),
     [
         ("sphere.png", SPHERE, "17", [17, 17, 17]),
         ("sphere.png", SPHERE, "1,20,255", [1, 20, 255]),
@@ -458,13 +458,13 @@ def test_all_interpolations(folder, interpolation):
         ("light.tif", BALL, "0,0.5,-2", [0.0, 0.5, -2.0]),
     ],
 )
-def test_border_colour(folder, picture, source, border, expected):
+def test_border_colour(folder, image_file, source, border, expected):
     om.write_image("clear.png", np.full((200, 200, 4), 200, np.uint8))
     om.write_image("light.tif", np.full((200, 200, 3), 0.3, np.float32))
-    out = "o.tif" if picture.endswith("tif") else "o.png"
+    output_file = "o.tif" if image_file.endswith("tif") else "o.png"
     assert (
         dewarp(
-            picture,
+            image_file,
             *source,
             "--size",
             "60x40",
@@ -473,13 +473,13 @@ def test_border_colour(folder, picture, source, border, expected):
             "--border",
             border,
             "-o",
-            out,
+            output_file,
         )
         == 0
     )
-    straight = om.read_image(out)
-    np.testing.assert_array_equal(straight[0, 0], expected)
-    np.testing.assert_allclose(straight[30, 0], om.read_image(picture)[100, 100], rtol=1e-6)
+    view = om.read_image(output_file)
+    np.testing.assert_array_equal(view[0, 0], expected)
+    np.testing.assert_allclose(view[30, 0], om.read_image(image_file)[100, 100], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -772,22 +772,22 @@ def test_colour_border_of_grey_image_raises():
 def test_invalid_arguments_print_one_line(folder, capfd, line, message):
     """Each line is completed by ``-o out.png`` unless it contains an output or must not have one."""
     output = "" if "-o" in line.split() or "NO-OUTPUT" in line else " -o out.png"
-    words = {"SPHERE": SPHERE, "BALL": BALL, "NO-OUTPUT": []}
-    args = [arg for word in (line + output).split() for arg in words.get(word, [word])]
+    substitutions = {"SPHERE": SPHERE, "BALL": BALL, "NO-OUTPUT": []}
+    args = [arg for word in (line + output).split() for arg in substitutions.get(word, [word])]
     before = {p: p.read_bytes() for p in folder.iterdir()}
     assert dewarp(*args) in (1, 2)
-    said = capfd.readouterr()
-    assert said.out == ""
-    assert message in said.err
-    assert said.err.startswith("omnimirror: ")
-    assert said.err.count("\n") == 1
-    assert "Traceback" not in said.err
+    messages = capfd.readouterr()
+    assert messages.out == ""
+    assert message in messages.err
+    assert messages.err.startswith("omnimirror: ")
+    assert messages.err.count("\n") == 1
+    assert "Traceback" not in messages.err
     assert {p: p.read_bytes() for p in folder.iterdir()} == before
 
 
 def test_help(capsys):
     assert dewarp("--help") == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for word in (
         "--ball",
         "CX,CY,R,FOV",
@@ -795,23 +795,23 @@ def test_help(capsys):
         "MIN:MAX",
         "docs/dewarp.md",
     ):
-        assert word in said
+        assert word in output
 
 
-def likeness(picture, text):
+def max_correlation(image, text):
     """Return the largest correlation of an image with a word drawn by OpenCV, over sizes and
     positions."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_TRIPLEX, 3, 9)
-    word = np.zeros((height + 20, width + 20), np.uint8)
-    cv2.putText(word, text, (10, height + 10), cv2.FONT_HERSHEY_TRIPLEX, 3, 255, 9)
-    best = 0.0
+    text_image = np.zeros((height + 20, width + 20), np.uint8)
+    cv2.putText(text_image, text, (10, height + 10), cv2.FONT_HERSHEY_TRIPLEX, 3, 255, 9)
+    maximum = 0.0
     for w in range(100, 135, 6):
         for h in range(50, 80, 6):
             template = cv2.GaussianBlur(
-                cv2.resize(word, (w, h), interpolation=cv2.INTER_AREA), (5, 5), 1.5
+                cv2.resize(text_image, (w, h), interpolation=cv2.INTER_AREA), (5, 5), 1.5
             )
-            best = max(best, cv2.matchTemplate(picture, template, cv2.TM_CCOEFF_NORMED).max())
-    return best
+            maximum = max(maximum, cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED).max())
+    return maximum
 
 
 @pytest.mark.skipif(not MIRRORBALL.exists(), reason=f"no photographs at {MIRRORBALL}")
@@ -829,4 +829,6 @@ def test_sign_in_store_is_legible(folder):
     args += ["--pan-deg", "109", "--tilt-deg", "-2.2", "--hfov-deg", "5.5", "--size", "160x90"]
     assert dewarp(*args, "-o", "sign.png") == 0
     sign = cv2.cvtColor(om.read_image("sign.png"), cv2.COLOR_RGB2GRAY)
-    assert likeness(sign, "FOCAL") > max(0.55, likeness(sign[:, ::-1].copy(), "FOCAL") + 0.1)
+    assert max_correlation(sign, "FOCAL") > max(
+        0.55, max_correlation(sign[:, ::-1].copy(), "FOCAL") + 0.1
+    )

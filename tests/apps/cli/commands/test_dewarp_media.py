@@ -26,7 +26,7 @@ CAMERA = om.MirrorBall(
 )
 
 
-def picture(shade: int) -> np.ndarray:
+def uniform_image(shade: int) -> np.ndarray:
     """Return a smooth image whose colour encodes its number."""
     v, u = np.mgrid[0:SIZE, 0:SIZE]
     return np.stack([u / 2 + 40, v / 2 + 40, np.full_like(u, shade)], axis=-1).astype(np.uint8)
@@ -37,7 +37,7 @@ def encoded(tmp_path_factory):
     path = tmp_path_factory.mktemp("encoded") / "in.mp4"
     with VideoWriter(path, (SIZE, SIZE), 25, crf=1) as writer:
         for i in range(20):
-            writer.write(frame_of_image(picture(60 + 5 * i)))
+            writer.write(frame_of_image(uniform_image(60 + 5 * i)))
     return path.read_bytes()
 
 
@@ -67,12 +67,12 @@ def test_all_video_frames_are_dewarped(video, tmp_path):
     run = omnimirror("dewarp", video, *args, "-o", tmp_path / "out.mp4")
     assert run.returncode == 0, run.stderr
     assert "20 frames" in run.stderr
-    out = frames(tmp_path / "out.mp4")
-    assert len(out) == 20
+    dewarped = frames(tmp_path / "out.mp4")
+    assert len(dewarped) == 20
     dewarp = om.Dewarper(CAMERA, om.screens.Plane((96, 64), tilt_deg=-30.0))
     for i in (0, 7, 19):
         expected = dewarp(frames(video)[i]).astype(float)
-        assert np.abs(out[i] - expected)[4:-4, 4:-4].mean() < 3
+        assert np.abs(dewarped[i] - expected)[4:-4, 4:-4].mean() < 3
 
 
 def test_video_border_colour(video, tmp_path):
@@ -154,9 +154,9 @@ def test_raw_video_pipe(video):
     args = ["--size", "128x64", "-o", "rawvideo:-"]
     run = omnimirror("dewarp", video, *BALL, *args, text=False)
     assert run.returncode == 0, run.stderr
-    pictures = np.frombuffer(run.stdout, np.uint8).reshape(20, 64, 128, 3)
+    images = np.frombuffer(run.stdout, np.uint8).reshape(20, 64, 128, 3)
     dewarp = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, 64)))
-    assert np.abs(pictures[7] - dewarp(frames(video)[7]).astype(float))[4:-4].mean() < 3
+    assert np.abs(images[7] - dewarp(frames(video)[7]).astype(float))[4:-4].mean() < 3
     grey = omnimirror("dewarp", video, *BALL, *args, "--set", "video.pixel_format=gray", text=False)
     assert len(grey.stdout) == 20 * 64 * 128
 
@@ -187,13 +187,13 @@ def test_several_outputs(video, tmp_path):
 
 def test_sigterm_keeps_completed_frames(video, tmp_path):
     program = Path(sys.executable).with_name("omnimirror")
-    words = ["dewarp", video, *BALL, "--size", "512x256", "-o", tmp_path / "a.mkv", "-o", "-"]
-    with Popen([program, *map(str, words)], stdout=PIPE, stderr=PIPE) as run:
+    arguments = ["dewarp", video, *BALL, "--size", "512x256", "-o", tmp_path / "a.mkv", "-o", "-"]
+    with Popen([program, *map(str, arguments)], stdout=PIPE, stderr=PIPE) as run:
         assert run.stdout.read(9) == b"YUV4MPEG2"  # the writer blocks at a full pipe
         run.send_signal(signal.SIGTERM)
-        _, said = run.communicate()
-    assert run.returncode == 143, said
-    assert b"stopped; " in said
+        _, messages = run.communicate()
+    assert run.returncode == 143, messages
+    assert b"stopped; " in messages
     assert 1 <= len(frames(tmp_path / "a.mkv")) < 20
 
 
@@ -203,19 +203,19 @@ def test_file_is_streamed_in_real_time(video, tmp_path):
         url = f"udp://127.0.0.1:{probe.getsockname()[1]}"
     with LiveSource(url, timeout_s=60, patience_s=600, reconnect=False) as live:
         while not live.received:  # repeatedly, until the receiver has recognised the format
-            began = time.monotonic()
+            start = time.monotonic()
             run = omnimirror(
                 "dewarp", video, *BALL, "--size", "128x64", "-o", url + "?pkt_size=1316"
             )
             assert run.returncode == 0, run.stderr
-            assert time.monotonic() - began > 19 / 25
+            assert time.monotonic() - start > 19 / 25
         frame = live.first()
     assert (frame.width, frame.height) == (128, 64)
 
 
 def test_folder_with_damaged_image(tmp_path):
     for i in range(3):
-        om.write_image(tmp_path / f"{i}.png", picture(60 + i))
+        om.write_image(tmp_path / f"{i}.png", uniform_image(60 + i))
     (tmp_path / "bad.png").write_bytes(b"not a picture")
     run = omnimirror(
         "dewarp",
@@ -232,13 +232,13 @@ def test_folder_with_damaged_image(tmp_path):
     assert f"cannot read the image {tmp_path / 'bad.png'}: it must be" in run.stderr
     assert "3 of 4 images dewarped" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
-    expected = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, None)))(picture(61))
+    expected = om.Dewarper(CAMERA, om.views.panorama(CAMERA, (128, None)))(uniform_image(61))
     np.testing.assert_array_equal(om.read_image(tmp_path / "out" / "1.png"), expected)
 
 
 def test_skip_existing_continues_folder(tmp_path):
     for i in range(3):
-        om.write_image(tmp_path / f"{i}.png", picture(60 + i))
+        om.write_image(tmp_path / f"{i}.png", uniform_image(60 + i))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "1.png").write_bytes(b"done before")
     (tmp_path / "out" / ".2.omnimirror-abcd1234.png").write_bytes(
@@ -251,15 +251,15 @@ def test_skip_existing_continues_folder(tmp_path):
     assert "2 of 2 images dewarped, 1 existed" in run.stdout
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.png", "1.png", "2.png"]
     assert (tmp_path / "out" / "1.png").read_bytes() == b"done before"
-    again = omnimirror(
+    second_run = omnimirror(
         "dewarp", tmp_path, *BALL, "--size", "64x", "--skip-existing", "-o", tmp_path / "out"
     )
-    assert again.returncode == 0
-    assert "0 of 0 images dewarped, 3 existed" in again.stdout
+    assert second_run.returncode == 0
+    assert "0 of 0 images dewarped, 3 existed" in second_run.stdout
 
 
 def test_panorama_metadata(tmp_path):
-    om.write_image(tmp_path / "a.png", picture(90))
+    om.write_image(tmp_path / "a.png", uniform_image(90))
     assert (
         omnimirror(
             "dewarp", tmp_path / "a.png", *BALL, "--size", "128x", "-o", tmp_path / "p.jpg"
@@ -332,7 +332,7 @@ def test_panorama_metadata(tmp_path):
     ],
 )
 def test_invalid_arguments_print_one_line(args, message, video, tmp_path):
-    om.write_image(tmp_path / "a.png", picture(90))
+    om.write_image(tmp_path / "a.png", uniform_image(90))
     before = sorted(p.name for p in tmp_path.iterdir())
     assert message in fails("dewarp", *args, *BALL, cwd=tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == before
@@ -342,6 +342,6 @@ def test_invalid_arguments_print_one_line(args, message, video, tmp_path):
 def test_preview_without_display_writes_no_file(video, tmp_path, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    said = fails("dewarp", video, *BALL, "-o", "o.mp4", "--preview", cwd=tmp_path)
-    assert "a preview window requires a display" in said
+    message = fails("dewarp", video, *BALL, "-o", "o.mp4", "--preview", cwd=tmp_path)
+    assert "a preview window requires a display" in message
     assert [p.name for p in tmp_path.iterdir()] == ["in.mp4"]

@@ -36,13 +36,13 @@ def middle(path: str) -> np.ndarray:
     return om.read_image(path)[12, 16]
 
 
-def fails(capsys, *args) -> str:
+def error_message(capsys, *args) -> str:
     with pytest.raises(SystemExit, match=r"^[12]$"):
         main(["dewarp", *args])
-    said = capsys.readouterr().err
-    assert len(said.strip().splitlines()) == 1 or said.startswith("Usage")
-    assert "Traceback" not in said
-    return said
+    output = capsys.readouterr().err
+    assert len(output.strip().splitlines()) == 1 or output.startswith("Usage")
+    assert "Traceback" not in output
+    return output
 
 
 def test_conversion_to_8_bits_and_srgb(folder, capsys):
@@ -64,8 +64,8 @@ def test_conversion_to_8_bits_and_srgb(folder, capsys):
     assert middle("d.webp").tolist() == [128, 128, 128]
 
 
-@pytest.mark.parametrize(("suffix", "most"), [("jpg", "65500"), ("webp", "16383")])
-def test_image_too_large_for_format_raises_before_dewarping(folder, capsys, suffix, most):
+@pytest.mark.parametrize(("suffix", "max_px"), [("jpg", "65500"), ("webp", "16383")])
+def test_image_too_large_for_format_raises_before_dewarping(folder, capsys, suffix, max_px):
     args = (
         "grey.png",
         "--ball",
@@ -76,7 +76,9 @@ def test_image_too_large_for_format_raises_before_dewarping(folder, capsys, suff
         "-o",
         f"o.{suffix}",
     )
-    assert f"images must have at most {most} px per side; got 70000 x 2 px" in fails(capsys, *args)
+    assert f"images must have at most {max_px} px per side; got 70000 x 2 px" in error_message(
+        capsys, *args
+    )
     with pytest.raises(om.base.errors.MediaError, match="70000 x 2 px"):
         om.write_image(f"o.{suffix}", np.zeros((2, 70_000, 3), np.uint8))
     assert not Path(f"o.{suffix}").exists()
@@ -85,7 +87,9 @@ def test_image_too_large_for_format_raises_before_dewarping(folder, capsys, suff
 def test_exr_without_package_raises_before_dewarping(folder, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     monkeypatch.setattr(request, "Dewarper", None)
-    assert "OpenEXR must be installed for o.exr" in fails(capsys, "deep.png", *BALL, "-o", "o.exr")
+    assert "OpenEXR must be installed for o.exr" in error_message(
+        capsys, "deep.png", *BALL, "-o", "o.exr"
+    )
 
 
 @pytest.mark.parametrize(
@@ -93,23 +97,23 @@ def test_exr_without_package_raises_before_dewarping(folder, capsys, monkeypatch
 )
 def test_empty_views_print_one_line(folder, capsys, option):
     for size in ("64x", "64x8"):
-        said = fails(
+        message = error_message(
             capsys, "grey.png", "--ball", "31.5,31.5,30,280", option, "--size", size, "-o", "o.png"
         )
-        assert "must be" in said or "must increase" in said or "valid" in said
+        assert "must be" in message or "must increase" in message or "valid" in message
 
 
 def test_circular_links_print_one_line(folder, capsys):
     Path("a.png").symlink_to("b.png")
     Path("b.png").symlink_to("a.png")
-    assert "a.png" in fails(capsys, "a.png", *BALL, "-o", "o.png")
-    assert "a.png" in fails(capsys, "grey.png", *BALL, "-o", "a.png")
+    assert "a.png" in error_message(capsys, "a.png", *BALL, "-o", "o.png")
+    assert "a.png" in error_message(capsys, "grey.png", *BALL, "-o", "a.png")
 
 
 def test_alpha_in_format_without_alpha_raises(folder, capsys):
     om.write_image("clear.png", np.full((64, 64, 4), 128, np.uint8))
     assert (
         "cannot write out.jpg: .jpg images must be uint8 with 1 or 3 channels; got uint8 with 4"
-        in fails(capsys, "clear.png", *BALL, "-o", "out.jpg")
+        in error_message(capsys, "clear.png", *BALL, "-o", "out.jpg")
     )
     assert not (folder / "out.jpg").exists()

@@ -127,9 +127,9 @@ def test_template_secondary_is_valid(tmp_path):
     start, end = text.index("# [secondary]"), text.index("# [mirror_pose]")
     folded = "".join(line.removeprefix("# ") + "\n" for line in text[start:end].splitlines())
     (tmp_path / "folded.toml").write_text(text[:start] + folded + text[end:])
-    one, two = (om.load_sensor(tmp_path / name) for name in ("mine.toml", "folded.toml"))
+    single, double = (om.load_sensor(tmp_path / name) for name in ("mine.toml", "folded.toml"))
     np.testing.assert_allclose(
-        om.evaluate(two, [60.0]).h_px, om.evaluate(one, [60.0]).h_px, rtol=1e-12
+        om.evaluate(double, [60.0]).h_px, om.evaluate(single, [60.0]).h_px, rtol=1e-12
     )
 
 
@@ -218,13 +218,13 @@ def test_pixel_option(tmp_path):
 
 def test_camera_file_table(tmp_path):
     """Analytic reference: the image radius of a paraboloid is f tan(Omega / 2)."""
-    known = Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.04)))
+    uncertainty = Uncertainty(("cx", "cy"), ((0.04, 0.0), (0.0, 0.04)))
     camera = om.Unified(
         xi=1.0,
         focal_px=(200.0, 200.0),
         centre_px=(319.5, 239.5),
         image_size=(640, 480),
-        uncertainty=known,
+        uncertainty=uncertainty,
     )
     om.save_camera(camera, tmp_path / "mine.toml")
     run = omnimirror(

@@ -8,10 +8,10 @@ import omnimirror as om
 
 
 def test_field_mask_is_computed_once_per_image_size(tmp_path, monkeypatch):
-    asked = []
-    found = om.Dewarper.valid.fget
+    calls = []
+    valid = om.Dewarper.valid.fget
     monkeypatch.setattr(
-        om.Dewarper, "valid", property(lambda dewarp: asked.append(dewarp) or found(dewarp))
+        om.Dewarper, "valid", property(lambda dewarp: calls.append(dewarp) or valid(dewarp))
     )
     sizes = [(64, 64)] * 3 + [(96, 96)] * 2
     for i, (width, height) in enumerate(sizes):
@@ -28,4 +28,4 @@ def test_field_mask_is_computed_once_per_image_size(tmp_path, monkeypatch):
         ),
     )
     assert len(list((tmp_path / "straight").iterdir())) == len(sizes)
-    assert len(asked) == len(set(sizes))
+    assert len(calls) == len(set(sizes))

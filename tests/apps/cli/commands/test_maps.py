@@ -19,8 +19,8 @@ def test_formats_in_a_folder(tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {f"paper-spherical-{name}" for name in names}
     assert "px: nearest-neighbour sampling" in run.stdout
     sensor = om.load_sensor("paper-spherical")
-    ahead = om.Dewarper(sensor, om.screens.Plane((160, 120))).coordinates()
-    assert np.abs(np.load(tmp_path / "paper-spherical-vpi.npy") - ahead).max() < 1e-4
+    coordinates = om.Dewarper(sensor, om.screens.Plane((160, 120))).coordinates()
+    assert np.abs(np.load(tmp_path / "paper-spherical-vpi.npy") - coordinates).max() < 1e-4
 
 
 def test_viewpoint_and_distance_options(tmp_path):

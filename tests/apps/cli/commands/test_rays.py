@@ -31,24 +31,24 @@ def test_invalid_arguments(tmp_path):
     assert "formats must be given for the folder" in fails(
         "rays", "paper-spherical", "-o", tmp_path
     )
-    sentence = "must be one of exr, npz, mitsuba, blender, newton; got 'obj'"
-    assert sentence in fails("rays", "paper-spherical", "-o", tmp_path, "--format", "obj")
+    message = "must be one of exr, npz, mitsuba, blender, newton; got 'obj'"
+    assert message in fails("rays", "paper-spherical", "-o", tmp_path, "--format", "obj")
     assert "step must be an integer between 1 and 1024; got 0" in fails(
         "rays", "paper-spherical", "-o", tmp_path / "a.npz", "--step", 0
     )
 
 
 @pytest.mark.parametrize(
-    ("more", "begins"), [((), b"v/1\x01"), (("--format", "npz"), b"PK\x03\x04")]
+    ("options", "magic"), [((), b"v/1\x01"), (("--format", "npz"), b"PK\x03\x04")]
 )
-def test_standard_output(more, begins):
-    run = omnimirror("rays", "paper-spherical", "--step", 64, "-o", "-", *more, text=False)
+def test_standard_output(options, magic):
+    run = omnimirror("rays", "paper-spherical", "--step", 64, "-o", "-", *options, text=False)
     assert run.returncode == 0, run.stderr
-    assert run.stdout[:4] == begins
+    assert run.stdout[:4] == magic
 
 
 def test_several_files_on_standard_output_raise():
-    sentence = (
+    message = (
         "standard output requires a single file; blender consists of several; specify a folder"
     )
-    assert sentence in fails("rays", "paper-spherical", "-o", "-", "--format", "blender")
+    assert message in fails("rays", "paper-spherical", "-o", "-", "--format", "blender")

@@ -57,7 +57,7 @@ def test_unexpected_verdict_exits_with_1(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(package, "all_claims", lambda: claims)
     with pytest.raises(SystemExit, match=r"^1$"):
         main(["reproduce", "--no-figures", "-o", str(tmp_path)])
-    sentence = capsys.readouterr().err.strip()
-    assert len(sentence.splitlines()) == 1
-    assert f"{i + 1} (Sec. 3.3: whole sphere)" in sentence
+    message = capsys.readouterr().err.strip()
+    assert len(message.splitlines()) == 1
+    assert f"{i + 1} (Sec. 3.3: whole sphere)" in message
     assert "**differs** (expected: agrees)" in (tmp_path / "numbers.md").read_text(encoding="utf-8")

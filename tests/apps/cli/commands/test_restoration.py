@@ -23,8 +23,8 @@ def small(tmp_path) -> om.Sensor:
     sensor = replace(sensor, imager=Imager(128, 128, 41.6), lens=replace(sensor.lens, f_number=1.0))
     om.save_sensor(sensor, tmp_path / "small.toml")
     light = np.random.default_rng(1).random((32, 64, 3), np.float32)
-    picture = om.render_image(sensor, om.Environment(light), samples=16, blur=True)
-    om.write_image(tmp_path / "raw.png", picture)
+    image = om.render_image(sensor, om.Environment(light), samples=16, blur=True)
+    om.write_image(tmp_path / "raw.png", image)
     om.write_image(tmp_path / "world.hdr", light)
     return sensor
 
@@ -53,11 +53,11 @@ def test_restoration_precedes_dewarping(small, tmp_path):
         omnimirror("dewarp", "restored.png", *options, "-o", "both.png", cwd=tmp_path).returncode
         == 0
     )
-    given, sharp, both = (
+    plain, sharp, both = (
         om.read_image(tmp_path / f"{name}.png") for name in ("given", "sharp", "both")
     )
     np.testing.assert_array_equal(sharp, both)
-    assert (sharp != given).any()
+    assert (sharp != plain).any()
 
 
 @pytest.mark.full
@@ -104,7 +104,7 @@ def test_restoration_of_nearby_objects(small, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "message"),
     [
         (
             ("--sensor", "small.toml", "--set", "restoration.noise=0.01"),
@@ -136,10 +136,10 @@ def test_restoration_of_nearby_objects(small, tmp_path):
         ),
     ],
 )
-def test_invalid_restoration_prints_one_line(small, tmp_path, options, sentence):
+def test_invalid_restoration_prints_one_line(small, tmp_path, options, message):
     run = omnimirror("dewarp", "raw.png", *options, "-o", "out.png", cwd=tmp_path)
     assert run.returncode != 0
-    assert sentence in run.stderr
+    assert message in run.stderr
     assert not (tmp_path / "out.png").exists()
 
 
@@ -148,8 +148,8 @@ def test_ball_restored_with_given_blur(small, tmp_path):
     """Blur values on the command line and in files over radius or field angle: equal results."""
     angles = np.array([0.0, 60.0, 120.0, 180.0])
     radii = 60 * np.sin(np.radians(angles) / 2)
-    for name, column, places in (("a.csv", "omega_deg", angles), ("b.csv", "radius_px", radii)):
-        lines = [f"{column},t_px,s_px", *(f"{place!r},3,2" for place in places.tolist())]
+    for name, column, positions in (("a.csv", "omega_deg", angles), ("b.csv", "radius_px", radii)):
+        lines = [f"{column},t_px,s_px", *(f"{position!r},3,2" for position in positions.tolist())]
         (tmp_path / name).write_text("\n".join(lines))
     options = (
         "--ball",
@@ -162,7 +162,7 @@ def test_ball_restored_with_given_blur(small, tmp_path):
         "--set",
         "restoration.noise=0.02",
     )
-    found = []
+    images = []
     for blur in ("3,2", "a.csv", "b.csv"):
         run = omnimirror(
             "dewarp",
@@ -176,9 +176,9 @@ def test_ball_restored_with_given_blur(small, tmp_path):
         )
         assert run.returncode == 0, run.stderr
         assert "restored with noise of 2 % (specified)" in run.stdout
-        found.append(om.read_image(tmp_path / "out.png"))
-    np.testing.assert_array_equal(found[0], found[1])
-    np.testing.assert_array_equal(found[0], found[2])
+        images.append(om.read_image(tmp_path / "out.png"))
+    np.testing.assert_array_equal(images[0], images[1])
+    np.testing.assert_array_equal(images[0], images[2])
 
 
 @pytest.mark.long
@@ -204,7 +204,7 @@ def test_reduced_restoration_is_reported(small, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("f_number", "metres", "words"),
+    ("f_number", "metres", "message"),
     [
         ((40, 10), 0, ""),
         ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"),
@@ -213,7 +213,7 @@ def test_reduced_restoration_is_reported(small, tmp_path):
         ((0, 1), 5, "EXIF has a focus distance of 5000 mm"),
     ],
 )
-def test_different_exif_reduces_assumed_blur(f_number, metres, words):
+def test_different_exif_reduces_assumed_blur(f_number, metres, message):
     """EXIF data written by Pillow, parsed from the file."""
     sensor = om.load_sensor("paper-hyperboloidal")
     exif = Image.Exif()
@@ -223,11 +223,11 @@ def test_different_exif_reduces_assumed_blur(f_number, metres, words):
         details[0x9206] = IFDRational(metres, 1)
     exposure = exposure_of(parse_exif(exif.tobytes().removeprefix(b"Exif\0\0")))
     restorer = om.Restoration(noise=0.01).restorer(sensor, exposure)
-    assert words in restorer.exposure_words
-    assert bool(restorer.exposure_words) == bool(words)
+    assert message in restorer.exposure_words
+    assert bool(restorer.exposure_words) == bool(message)
     radii = np.linspace(0.0, 500.0, 20)
-    known, assumed = blur_sizes(sensor, radii), restorer.known.sizes(radii)
-    assert (assumed.sagittal <= known.sagittal + 1e-9).all()
+    nominal, assumed = blur_sizes(sensor, radii), restorer.known.sizes(radii)
+    assert (assumed.sagittal <= nominal.sagittal + 1e-9).all()
     if f_number == (80, 10):
         smaller = replace(sensor, lens=replace(sensor.lens, f_number=8.0))
         np.testing.assert_allclose(assumed.sagittal, blur_sizes(smaller, radii).sagittal, rtol=0.01)
@@ -243,11 +243,14 @@ def test_restore_compares_the_exif_data_of_a_file(small, tmp_path, f_number, is_
     Image.fromarray(image).save(tmp_path / "stopped.png", exif=exif)
     notes = []
     restored = om.restore(small, tmp_path / "stopped.png", noise=0.003, on_note=notes.append)
-    stopped = replace(small, lens=replace(small.lens, f_number=f_number if is_other else 1.0))
-    expected, given = om.restore(stopped, image, noise=0.003), om.restore(small, image, noise=0.003)
+    other_sensor = replace(small, lens=replace(small.lens, f_number=f_number if is_other else 1.0))
+    expected, nominal = (
+        om.restore(other_sensor, image, noise=0.003),
+        om.restore(small, image, noise=0.003),
+    )
     # The limit of small blur is estimated from the image with different kernels.
     assert np.abs(restored.astype(int) - expected).mean() <= 0.5
-    assert (np.abs(restored.astype(int) - given).mean() > 1) == is_other
+    assert (np.abs(restored.astype(int) - nominal).mean() > 1) == is_other
     assert [
         ("EXIF has F/2, the sensor F/1: 50 % of the blur is assumed" in note) for note in notes
     ] == [is_other]
@@ -262,7 +265,7 @@ def test_bracket_plan_render_and_merge(small, tmp_path):
     assert run.returncode == 0, run.stderr
     assert ", ".join(f"{f:.1f}" for f in om.plan_bracket(small, 3.0).focus_mm) in run.stdout
     scene = ("--scene", "world.hdr", "--set", "scene.heading_deg=20", "--pose", "0,0,0,20")
-    take = (
+    render = (
         "bracket",
         "render",
         "small.toml",
@@ -274,13 +277,13 @@ def test_bracket_plan_render_and_merge(small, tmp_path):
         "b",
         *scene,
     )
-    run = omnimirror(*take, cwd=tmp_path)
+    run = omnimirror(*render, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     world = om.Environment.load(tmp_path / "world.hdr")
-    straight = om.render_image(
+    expected = om.render_image(
         focused_at(small, 175.0), world, samples=16, blur=True
     )  # heading and pose cancel
-    assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - straight).max() <= 2
+    assert np.abs(om.read_image(tmp_path / "b/175.0mm.png").astype(int) - expected).max() <= 2
     merge = (
         "bracket",
         "merge",

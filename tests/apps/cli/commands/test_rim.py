@@ -17,15 +17,15 @@ from tests.commands import fails, omnimirror
 def folder(tmp_path_factory):
     """Two images of one sensor, a small image with a clear outline, and an image without a mirror."""
     folder = tmp_path_factory.mktemp("rims")
-    for turn in (0.0, 90.0):
-        scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=turn))
+    for azimuth in (0.0, 90.0):
+        scene = om.PosedScene(om.load_scene("room", texel_mm=20.0), om.Pose(pan_deg=azimuth))
         om.write_image(
-            folder / f"room{turn:.0f}.png",
+            folder / f"room{azimuth:.0f}.png",
             om.render_image(om.load_sensor("paper-spherical"), scene, samples=1),
         )
     v, u = np.mgrid[:200, :260]
-    away, turn = np.hypot(u - 130.0, v - 100.0), np.arctan2(v - 100.0, u - 130.0)
-    disc = np.clip(80.5 - away, 0, 1) * (110 + 80 * np.tanh(6 * np.sin(11 * turn))) + 12
+    radius, azimuth = np.hypot(u - 130.0, v - 100.0), np.arctan2(v - 100.0, u - 130.0)
+    disc = np.clip(80.5 - radius, 0, 1) * (110 + 80 * np.tanh(6 * np.sin(11 * azimuth))) + 12
     om.write_image(folder / "disc.png", disc.astype(np.uint8))
     om.write_image(folder / "nothing.png", np.full((200, 300, 3), 90, np.uint8))
     return folder
@@ -56,7 +56,7 @@ def test_images_of_one_sensor_are_evaluated_together(folder, tmp_path):
     assert run.returncode == 0, run.stderr
     assert "together" in run.stdout
     rim = json.loads((tmp_path / "rim.json").read_text())
-    assert [one["name"] for one in rim["images"]] == ["room0.png", "room90.png"]
+    assert [entry["name"] for entry in rim["images"]] == ["room0.png", "room90.png"]
     assert rim["semi_axes_px"] == pytest.approx([501.63, 501.63], abs=1.0)
 
 
@@ -69,17 +69,17 @@ def test_rejected_outline_is_reported(folder):
 def test_rejected_outlines_are_listed_as_candidates(tmp_path):
     """Two discs of one colour that are not mirrors."""
     v, u = np.mgrid[:240, :400]
-    picture = np.where(
+    image = np.where(
         np.hypot(u - 110, v - 120) < 70, 200, np.where(np.hypot(u - 290, v - 120) < 60, 120, 40)
     )
-    om.write_image(tmp_path / "discs.png", picture.astype(np.uint8))
+    om.write_image(tmp_path / "discs.png", image.astype(np.uint8))
     run = omnimirror("rim", tmp_path / "discs.png", "--json", tmp_path / "rim.json")
     assert run.returncode == 0, run.stderr
     rim = json.loads((tmp_path / "rim.json").read_text())
     assert not rim["accepted"]
-    radii = [np.sqrt(np.prod(one["semi_axes_px"])) for one in rim["candidates"]]
+    radii = [np.sqrt(np.prod(candidate["semi_axes_px"])) for candidate in rim["candidates"]]
     assert rim["candidates"][0]["centre_px"] == rim["centre_px"]
-    assert all(one["confidence"] < 0.6 for one in rim["candidates"])
+    assert all(candidate["confidence"] < 0.6 for candidate in rim["candidates"])
     assert min(abs(radius - 70) for radius in radii) < 1
     assert min(abs(radius - 60) for radius in radii) < 1
     assert "candidate 2" in " ".join(run.stdout.split())
@@ -87,9 +87,9 @@ def test_rejected_outlines_are_listed_as_candidates(tmp_path):
 
 @pytest.mark.parametrize("command", ["rim", "lines"])
 def test_images_of_different_sizes_raise(command, folder):
-    pictures = [folder / "room0.png", folder / "nothing.png", folder / "room90.png"]
-    said = fails(command, *pictures)
-    assert "room0.png has 1024 x 1024 px, nothing.png has 300 x 200 px" in said
+    images = [folder / "room0.png", folder / "nothing.png", folder / "room90.png"]
+    message = fails(command, *images)
+    assert "room0.png has 1024 x 1024 px, nothing.png has 300 x 200 px" in message
 
 
 def test_auto_dewarps_image_by_detected_rim(folder, tmp_path):
@@ -128,19 +128,19 @@ def test_ball_orientation_is_reported(folder, tmp_path):
     command = ("dewarp", tmp_path / "ball.png", "--auto", "--mirror", "ball", "-o")
     run = omnimirror(*command, tmp_path / "view.png")
     assert run.returncode == 0, run.stderr
-    said = re.search(
+    match = re.search(
         r"look forward \(--camera-looks\); tilt (\S+),(\S+) deg, from \d+ vertical edges",
         run.stderr,
     )
-    assert said is not None, run.stderr
-    assert (float(said[1]), float(said[2])) == pytest.approx((-15.0, 3.0), abs=0.5)
+    assert match is not None, run.stderr
+    assert (float(match[1]), float(match[2])) == pytest.approx((-15.0, 3.0), abs=0.5)
     run = omnimirror(*command, tmp_path / "told.png", "--set", "camera.level=-15,3")
     assert run.returncode == 0, run.stderr
     assert "the camera" not in run.stderr
-    told, found = (
+    expected, result = (
         om.read_image(tmp_path / name)[..., :3].astype(float) for name in ("told.png", "view.png")
     )
-    assert np.median(np.abs(told - found)) < 4
+    assert np.median(np.abs(expected - result)) < 4
     run = omnimirror(
         "dewarp", folder / "disc.png", "--auto", "--mirror", "ball", "-o", tmp_path / "disc.png"
     )
@@ -168,15 +168,15 @@ def test_ambiguous_tilt_is_reported(tmp_path):
         tmp_path / "view.png",
     )
     assert run.returncode == 0, run.stderr
-    said = re.search(
+    match = re.search(
         r"tilt (\S+), (\S+) deg about x and y assumed; (\S+), (\S+) deg has", run.stderr
     )
-    assert said is not None, run.stderr
-    assert [float(said[k]) for k in (1, 2)] == [
+    assert match is not None, run.stderr
+    assert [float(match[k]) for k in (1, 2)] == [
         pytest.approx(-5.0, abs=0.4),
         pytest.approx(2.0, abs=0.4),
     ]
-    assert float(said[3]) > 1.0
+    assert float(match[3]) > 1.0
 
 
 def test_auto_with_invalid_arguments(folder, tmp_path):
@@ -197,7 +197,7 @@ def test_auto_with_invalid_arguments(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "message"),
     [
         (["--set", "video.crf=20"], "--set video.crf requires a video"),
         (["--set", "restoration.noise=0.01"], "--set restoration.noise requires --restore"),
@@ -205,8 +205,8 @@ def test_auto_with_invalid_arguments(folder, tmp_path):
         (["-o", "view.xyz"], "got '.xyz'"),
     ],
 )
-def test_auto_checks_options_before_detection(options, sentence, folder, tmp_path):
+def test_auto_checks_options_before_detection(options, message, folder, tmp_path):
     output = [] if "-o" in options else ["-o", tmp_path / "view.png"]
-    said = fails("dewarp", folder / "nothing.png", "--auto", *options, *output)
-    assert sentence in said
-    assert "detected rim" not in said
+    error = fails("dewarp", folder / "nothing.png", "--auto", *options, *output)
+    assert message in error
+    assert "detected rim" not in error

@@ -42,7 +42,7 @@ def sky_file(tmp_path_factory):
     return path
 
 
-def done(*args):
+def simulate(*args):
     run = omnimirror("simulate", *args)
     assert run.returncode == 0, run.stderr
     return run.stdout
@@ -50,9 +50,9 @@ def done(*args):
 
 def test_exr_contains_light_and_ground_truth(sensor_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
-    out = tmp_path / "truth.exr"
-    done(sensor_file, "--no-blur", "--samples", 1, "--pose", "300,100,0,30", "-o", out)
-    with OpenEXR.File(str(out), separate_channels=True) as file:
+    file_path = tmp_path / "truth.exr"
+    simulate(sensor_file, "--no-blur", "--samples", 1, "--pose", "300,100,0,30", "-o", file_path)
+    with OpenEXR.File(str(file_path), separate_channels=True) as file:
         channels = {name: np.array(c.pixels) for name, c in file.channels().items()}
     assert set(channels) == {"R", "G", "B", "A", "H", "Z", "DX", "DY", "DZ", "OX", "OY", "OZ"}
     sensor, scene = (
@@ -64,33 +64,35 @@ def test_exr_contains_light_and_ground_truth(sensor_file, tmp_path):
     np.testing.assert_allclose(channels["DY"], truth.directions[..., 1], atol=1e-6)
     np.testing.assert_array_equal(channels["A"] == 1, np.isfinite(truth.depth_mm))
     np.testing.assert_allclose(channels["G"], expose(sensor, scene, samples=1)[..., 1], atol=1e-6)
-    assert om.read_image(out).shape == (128, 128, 4)
+    assert om.read_image(file_path).shape == (128, 128, 4)
 
 
 def test_exr_labels_obscuration_and_refraction(sensor_file, sky_file, tmp_path):
     OpenEXR = pytest.importorskip("OpenEXR")
-    found = {}
+    channels = {}
     supports = {
         "rod": ("--set", "housing.rod.diameter_mm=12"),
         "tube": ("--set", "housing.tube={}"),
     }
     for name, options in supports.items():
-        out = tmp_path / f"{name}.exr"
-        done(sensor_file, "--scene", sky_file, "--no-blur", "--samples", 1, *options, "-o", out)
-        with OpenEXR.File(str(out), separate_channels=True) as file:
-            found[name] = {name: np.array(c.pixels) for name, c in file.channels().items()}
-        hidden = found[name]["H"] == 1
-        assert hidden.sum() > 100
-        assert not found[name]["A"][hidden].any()
-        assert np.isnan(found[name]["Z"][hidden]).all()
-    seen = found["tube"]["A"] == 1
+        path = tmp_path / f"{name}.exr"
+        simulate(
+            sensor_file, "--scene", sky_file, "--no-blur", "--samples", 1, *options, "-o", path
+        )
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels[name] = {name: np.array(c.pixels) for name, c in file.channels().items()}
+        is_obscured = channels[name]["H"] == 1
+        assert is_obscured.sum() > 100
+        assert not channels[name]["A"][is_obscured].any()
+        assert np.isnan(channels[name]["Z"][is_obscured]).all()
+    is_valid = channels["tube"]["A"] == 1
     np.testing.assert_allclose(
-        np.hypot(found["tube"]["OX"], found["tube"]["OY"])[seen], 50.0, atol=1e-4
+        np.hypot(channels["tube"]["OX"], channels["tube"]["OY"])[is_valid], 50.0, atol=1e-4
     )
 
 
 def test_blurred_noisy_environment_in_12_bits(sensor_file, sky_file, tmp_path):
-    out = tmp_path / "noisy.png"
+    path = tmp_path / "noisy.png"
     options = (
         "--set",
         "detector.full_well_e=4000",
@@ -103,14 +105,14 @@ def test_blurred_noisy_environment_in_12_bits(sensor_file, sky_file, tmp_path):
         "--set",
         "rendering.seed=5",
     )
-    said = done(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", out)
-    assert "128 x 128 px, 4 rays" in said
-    picture = om.read_image(out)
-    assert picture.dtype == np.uint16
-    assert 2000 < picture.max() <= 4095
-    again = tmp_path / "again.png"
-    done(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", again)
-    np.testing.assert_array_equal(picture, om.read_image(again))
+    output = simulate(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", path)
+    assert "128 x 128 px, 4 rays" in output
+    image = om.read_image(path)
+    assert image.dtype == np.uint16
+    assert 2000 < image.max() <= 4095
+    second_path = tmp_path / "again.png"
+    simulate(sensor_file, "--scene", sky_file, "--spp", 4, *options, "-o", second_path)
+    np.testing.assert_array_equal(image, om.read_image(second_path))
 
 
 def test_video_along_path(sensor_file, sky_file, tmp_path):
@@ -118,8 +120,8 @@ def test_video_along_path(sensor_file, sky_file, tmp_path):
     from omnimirror.io.video_reader import VideoReader
 
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n0.2,100,90\n")
-    out = tmp_path / "drive.mp4"
-    said = done(
+    video = tmp_path / "drive.mp4"
+    output = simulate(
         sensor_file,
         "--scene",
         sky_file,
@@ -130,14 +132,14 @@ def test_video_along_path(sensor_file, sky_file, tmp_path):
         "--set",
         "video.fps=20",
         "-o",
-        out,
+        video,
     )
-    assert "5 frames" in said
-    assert VideoReader(out).expected_frames == 5
+    assert "5 frames" in output
+    assert VideoReader(video).expected_frames == 5
 
 
 def test_panorama_option(sensor_file, sky_file, tmp_path):
-    done(
+    simulate(
         sensor_file,
         "--scene",
         sky_file,
@@ -155,7 +157,7 @@ def test_panorama_option(sensor_file, sky_file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("args", "words"),
+    ("args", "message"),
     [
         (
             ("--scene", "moon", "-o", "a.png"),
@@ -178,34 +180,34 @@ def test_panorama_option(sensor_file, sky_file, tmp_path):
         (("-o", "a.xyz"), "cannot write a.xyz: the suffix must be one of"),
     ],
 )
-def test_invalid_arguments_write_no_file(sensor_file, tmp_path, args, words):
-    assert words in fails("simulate", sensor_file, *args, cwd=tmp_path)
+def test_invalid_arguments_write_no_file(sensor_file, tmp_path, args, message):
+    assert message in fails("simulate", sensor_file, *args, cwd=tmp_path)
     assert not list(tmp_path.iterdir())
 
 
-def _terminated_when(state, *words):
+def _terminate_when(state, *arguments):
     """Return the output of a command after SIGTERM, sent once its handler is installed and a state
     is reached."""
     with subprocess.Popen(
-        [sys.executable, "-m", "omnimirror", *map(str, words)],
+        [sys.executable, "-m", "omnimirror", *map(str, arguments)],
         stdin=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     ) as run:
-        while not (_listens(run.pid) and state()):
+        while not (_handles_sigterm(run.pid) and state()):
             assert run.poll() is None, run.stderr.read()
             time.sleep(0.01)
         run.send_signal(signal.SIGTERM)
-        said = run.communicate()[1]
-    assert run.returncode == 128 + signal.SIGTERM, said
-    assert "Traceback" not in said
-    assert said.endswith("stopped\n")
-    return said
+        messages = run.communicate()[1]
+    assert run.returncode == 128 + signal.SIGTERM, messages
+    assert "Traceback" not in messages
+    assert messages.endswith("stopped\n")
+    return messages
 
 
-def _listens(process: int) -> bool:
-    caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
-    return bool(int(caught[1], 16) & 1 << signal.SIGTERM - 1)
+def _handles_sigterm(process: int) -> bool:
+    match = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{process}/status").read_text())
+    return bool(int(match[1], 16) & 1 << signal.SIGTERM - 1)
 
 
 needs_proc = pytest.mark.skipif(
@@ -216,10 +218,10 @@ needs_proc = pytest.mark.skipif(
 @needs_proc
 def test_sigterm_before_first_image_leaves_no_file(sensor_file, tmp_path):
     output = tmp_path / "out.png"
-    said = _terminated_when(
+    messages = _terminate_when(
         lambda: True, "simulate", sensor_file, "--samples", "1024", "-o", output
     )
-    assert said.strip() == "omnimirror: stopped"
+    assert messages.strip() == "omnimirror: stopped"
     assert not list(tmp_path.iterdir())
 
 
@@ -227,7 +229,7 @@ def test_sigterm_before_first_image_leaves_no_file(sensor_file, tmp_path):
 @needs_proc
 def test_sigterm_keeps_completed_dataset_images(sensor_file, sky_file, tmp_path):
     folder = tmp_path / "set"
-    words = (
+    arguments = (
         "simulate",
         "dataset",
         sensor_file,
@@ -238,8 +240,8 @@ def test_sigterm_keeps_completed_dataset_images(sensor_file, sky_file, tmp_path)
         "-o",
         folder,
     )
-    said = _terminated_when(lambda: len(list(folder.glob("*.png"))) > 1, *words)
-    assert "images" in said
+    messages = _terminate_when(lambda: len(list(folder.glob("*.png"))) > 1, *arguments)
+    assert "images" in messages
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
     for path in folder.glob("*.png"):
         om.read_image(path)
@@ -249,7 +251,7 @@ def test_sigterm_keeps_completed_dataset_images(sensor_file, sky_file, tmp_path)
 def test_sigterm_keeps_completed_training_shards(sensor_file, sky_file, tmp_path):
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
-    words = (
+    arguments = (
         "simulate",
         "training",
         sensor_file,
@@ -260,19 +262,19 @@ def test_sigterm_keeps_completed_training_shards(sensor_file, sky_file, tmp_path
         "--set",
         "storage.per_shard=1",
     )
-    said = _terminated_when(
+    messages = _terminate_when(
         lambda: len([*folder.glob("set-*.tar")]) > 1,
-        *words,
+        *arguments,
         "--path",
         tmp_path / "path.csv",
         "-o",
         folder,
     )
     shards = sorted(folder.iterdir())
-    assert f"contains {len(shards)} shards" in said
+    assert f"contains {len(shards)} shards" in messages
     for number, shard in enumerate(shards):
         with tarfile.open(shard) as tar:
-            assert tar.getnames() == [f"{number:06d}.{ending}" for ending in ("png", "npz", "json")]
+            assert tar.getnames() == [f"{number:06d}.{suffix}" for suffix in ("png", "npz", "json")]
 
 
 @needs_proc
@@ -280,7 +282,7 @@ def test_sigterm_leaves_playable_video(sensor_file, sky_file, tmp_path):
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "out"
-    words = (
+    arguments = (
         "simulate",
         sensor_file,
         "--scene",
@@ -291,9 +293,9 @@ def test_sigterm_leaves_playable_video(sensor_file, sky_file, tmp_path):
         tmp_path / "path.csv",
     )
     # the hidden file grows after the first of 2501 frames have been encoded
-    _terminated_when(
+    _terminate_when(
         lambda: any(p.stat().st_size > 2000 for p in folder.glob(".*")),
-        *words,
+        *arguments,
         "-o",
         folder / "a.mkv",
     )
@@ -308,7 +310,7 @@ def test_sigterm_keeps_completed_video_dataset_frames(sensor_file, sky_file, tmp
     av = pytest.importorskip("av")
     (tmp_path / "path.csv").write_text("time_s,x_mm,pan_deg\n0,0,0\n100,100,90\n")
     folder = tmp_path / "set"
-    words = (
+    arguments = (
         "simulate",
         "dataset",
         sensor_file,
@@ -319,21 +321,21 @@ def test_sigterm_keeps_completed_video_dataset_frames(sensor_file, sky_file, tmp
         "--path",
         tmp_path / "path.csv",
     )
-    said = _terminated_when(
-        lambda: len([*folder.glob("frames/frame-*.png")]) > 1, *words, "-o", folder
+    messages = _terminate_when(
+        lambda: len([*folder.glob("frames/frame-*.png")]) > 1, *arguments, "-o", folder
     )
-    described = json.loads((folder / "dataset.json").read_text())
-    count = described["frames"]
-    assert 1 <= count < 2501, said
+    dataset = json.loads((folder / "dataset.json").read_text())
+    count = dataset["frames"]
+    assert 1 <= count < 2501, messages
     assert not [p for p in folder.rglob("*") if p.name.startswith(".")]
-    pictures = sorted(
+    images = sorted(
         (folder / "frames").iterdir()
     )  # one more if terminated between writing and recording
-    assert len(pictures) in (count, count + 1)
-    for picture in pictures:
-        om.read_image(picture)
+    assert len(images) in (count, count + 1)
+    for image in images:
+        om.read_image(image)
     assert len((folder / "poses.csv").read_text().splitlines()) == 1 + count
-    with av.open(str(folder / described["video"])) as container:
+    with av.open(str(folder / dataset["video"])) as container:
         assert sum(1 for _ in container.decode(video=0)) == count
 
 
@@ -349,7 +351,7 @@ def test_calibrated_camera_renders_sharp_images(tmp_path):
     )
     om.save_camera(camera, tmp_path / "mine.toml")
     om.write_image(tmp_path / "world.hdr", np.random.default_rng(0).random((32, 64, 3), np.float32))
-    done(
+    simulate(
         tmp_path / "mine.toml",
         "--scene",
         tmp_path / "world.hdr",
@@ -362,10 +364,12 @@ def test_calibrated_camera_renders_sharp_images(tmp_path):
     world = om.Environment.load(tmp_path / "world.hdr")
     light = np.zeros((6400, 3), np.float32)
     light[rays.valid] = world.radiance(rays.origins[rays.valid], rays.directions[rays.valid])
-    shown = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
-    np.testing.assert_array_equal(shown, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
-    for option, words in (
+    pixels = om.read_image(tmp_path / "picture.png").reshape(-1, 3)
+    np.testing.assert_array_equal(pixels, Detector().read(light.reshape(80, 80, 3)).reshape(-1, 3))
+    for option, message in (
         ("--blur", "blur must be False unless the camera is a sensor"),
         ("--set=housing.rod={}", "unknown entry housing"),
     ):
-        assert words in fails("simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png")
+        assert message in fails(
+            "simulate", tmp_path / "mine.toml", option, "-o", tmp_path / "no.png"
+        )

@@ -25,15 +25,15 @@ def pattern(size: tuple[int, int]) -> np.ndarray:
     return np.rint(waves, out=waves).astype(np.uint8)
 
 
-def video_of(path: Path, frames: int = 40) -> Path:
+def write_video(path: Path, frames: int = 40) -> Path:
     """Write a video with increasing brightness."""
-    with av.open(str(path), "w") as out:
-        stream = out.add_stream("mpeg4", rate=20)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=20)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         for i in range(frames):
-            picture = np.full((48, 64, 3), 2 * i % 256, np.uint8)
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        out.mux(stream.encode())
+            image = np.full((48, 64, 3), 2 * i % 256, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode())
     return path
 
 
@@ -43,9 +43,9 @@ def python_view(line: str, folder: Path) -> om.Dewarper:
     from omnimirror.apps.cli._declarations import parsed_options
     from omnimirror.apps.cli._view_options import ViewOptions
 
-    words = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
+    arguments = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
     context = dewarp.make_context(
-        "dewarp", words, parent=click.Context(click.Command("omnimirror"))
+        "dewarp", arguments, parent=click.Context(click.Command("omnimirror"))
     )
     height, width = read_image(context.params["sources"][0]).shape[:2]
     camera = parsed_options(CameraOptions, context).camera((width, height))
