@@ -25,7 +25,6 @@ GIVEN = "options given on the command line, as opposed to defaults"
 EXCEPTIONS = {
     "apps/cli/_camera_options.py: given": GIVEN,
     "apps/cli/_declarations.py: given": GIVEN,
-    "apps/cli/_declarations.py: found": "local name in a module that is being changed",
     "apps/cli/_design_options.py: given": GIVEN,
     "apps/cli/_scene_options.py: given": GIVEN,
     "apps/cli/commands/design.py: given": GIVEN,
