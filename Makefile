@@ -1,4 +1,4 @@
-# `make demo` and `make test` are all a fresh machine needs: each sets up what it uses.
+# Each target installs its requirements; `make demo` and `make test` run on a machine with Python only.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -6,14 +6,14 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install -c const
 DEMO_OUT ?= out/demo
 IMAGE ?=
 ARGS ?=
-# The interpreters that a release is built for and tried with; one of 3.12 or later serves all that follow.
+# Interpreters for which a release is built and tested; the wheel of 3.12 or later supports all later versions.
 RELEASE_PYTHONS ?= $(PYTHON)
-# The newest Blender on the index is built for one interpreter only: 3.13 for 5.1 to 5.3, 3.11 for 4.5 and 5.0.
+# Each Blender wheel supports one Python version: 3.13 for Blender 5.1 to 5.3, 3.11 for 4.5 and 5.0.
 BLENDER_PYTHON ?= $(shell command -v python3.13 || echo $(PYTHON))
 NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 
-# Byte code is kept, whatever the shell says: without it each process compiles the package anew and rewrites the asserts of
-# all tests, 15 s of processor time where reading them takes 9.
+# Byte code is always written. Without it, each process compiles the package and rewrites the asserts of all tests, which
+# takes 15 s of processor time instead of 9 s.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
@@ -33,14 +33,14 @@ CHECKED := tests/contracts tests/test_architecture.py tests/dewarp/test_dewarper
   tests/optics/test_misaligned.py tests/analysis/test_two_mirrors.py tests/design/test_requirement_files.py \
   tests/io/test_orientation.py
 
-check: lint  ## Lint, types and a subset of the tests, in about 90 s on 2 cores
+check: lint  ## Run lint, type checks and a subset of the tests (about 90 s on 2 cores)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full and not long" $(CHECKED)
 
 test: lint chromium node  ## Run the tests that every commit must pass (about 10 minutes on 2 cores)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not full"
 
-# Dozens of seeds in one test, and searches to their end, take longer than any test of every day may.
-test-full: lint chromium firefox node $(VENV)/.full  ## Run all tests, including long ones and other programs (2.6 GB more, with PyTorch for processors alone)
+# Tests with dozens of seeds and complete searches exceed the time limit of the everyday tests.
+test-full: lint chromium firefox node $(VENV)/.full  ## Run all tests, including long ones and other programs (2.6 GB more, with PyTorch for CPU)
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
@@ -69,7 +69,7 @@ programs: $(BIN)/python  ## Install Blender, Newton, GStreamer, OBS, ... for int
 	  apt-get -qq update && apt-get -qq install -y gstreamer1.0-tools gstreamer1.0-gl gstreamer1.0-plugins-good \
 	  gir1.2-gst-rtsp-server-1.0 python3-gi vlc-bin vlc-plugin-base \
 	  libobs0 libegl1 libgl1-mesa-dri xvfb xauth glslang-tools spirv-cross qemu-system-arm >/dev/null; } || \
-	  echo "there are not all programs here: the tests of what is handed to those that are not are skipped"
+	  echo "some programs are not installed: their interoperability tests are skipped"
 	@if command -v npm >/dev/null; then \
 	  npm install --silent --no-audit --no-fund --prefix $(VENV)/node @micropython/micropython-webassembly-pyscript; fi
 	$(PIP) ziglang
@@ -84,21 +84,21 @@ lint: $(VENV)/.test node
 	$(BIN)/mypy
 	@! command -v npm >/dev/null || { cd web && npm run --silent lint; }
 
-# The browser in which the studio's page is tested. The shell without windows takes half of the processor time of the
-# whole: it draws pages alone, no frame around them.
+# Browser for the tests of the studio. The headless shell takes half of the processor time of the complete browser, because
+# it draws no window frames.
 chromium:
 	@command -v chromium-headless-shell >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	  apt-get -qq update && { apt-get -qq install -y chromium-headless-shell || apt-get -qq install -y chromium; } >/dev/null; } || \
 	  command -v chromium >/dev/null || command -v google-chrome >/dev/null || \
-	  echo "there is no chromium here: the tests of the studio's page are skipped"
+	  echo "chromium is not installed: the browser tests of the studio are skipped"
 
-# The other browser, of 270 MB: tests of every day drive it where it is.
+# Second browser (270 MB); the everyday tests use it if it is installed.
 firefox:
 	@command -v firefox-esr >/dev/null || command -v firefox >/dev/null || { [ "$$(id -u)" = 0 ] && \
 	  command -v apt-get >/dev/null && apt-get -qq update && apt-get -qq install -y firefox-esr >/dev/null; } || \
-	  echo "there is no firefox here: the tests of the studio's page in it are skipped"
+	  echo "firefox is not installed: its tests of the studio are skipped"
 
-# Tools that build, lint and test the studio's page.
+# Tools for building, linting and testing the page of the studio.
 node:
 	@if command -v npm >/dev/null; then $(MAKE) -s web/node_modules/.made; else \
 	  echo "npm is not installed: the page's linter, formatter, unit tests, build comparison and axe tests are skipped"; fi
@@ -185,6 +185,6 @@ $(VENV)/.mutation: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 
 $(VENV)/.full: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python
 	$(PIP) -e '.[test,full]'
-# With omnidir, beside the OpenCV that it cannot be installed with; tests start a process of its own.
+# OpenCV with omnidir, in a separate folder, as it conflicts with the installed OpenCV; tests use it in a separate process.
 	$(PIP) --upgrade --no-deps --target $(VENV)/opencv-contrib opencv-contrib-python-headless
 	@touch $@

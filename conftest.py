@@ -1,5 +1,5 @@
-"""pytest configuration: skips differentiable camera examples without PyTorch, reports comparisons
-with other programs."""
+"""pytest configuration: skip examples of differentiable cameras without PyTorch, and report
+comparisons with other programs."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.cross_validation import Compare, Compared, version_of, write
+from tests.cross_validation import Compare, Comparison, version_of, write
 
 TORCH = "src/omnimirror/interop/torch"
-NEED_TORCH = ("_camera.py", "_factory.py", "_tables.py")
-collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in NEED_TORCH]
+TORCH_MODULES = ("_camera.py", "_factory.py", "_tables.py")
+collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in TORCH_MODULES]
 LONG_EXAMPLES = {
     "omnimirror.calibration.estimation._camera_calibration.calibrate_camera",
     "omnimirror.calibration.estimation.calibration_result.Calibration",
@@ -45,17 +45,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def beside(record_property) -> Compare:
-    """Return a function that records a difference from another program and checks its bound."""
+    """Return a function that records the deviation from another program and checks its tolerance."""
 
     def compare(
-        program: str, what: str, off: float, within: float, unit: str, version: str | None = None
+        program: str,
+        quantity: str,
+        deviation: float,
+        tolerance: float,
+        unit: str,
+        version: str | None = None,
     ) -> None:
         version = version_of(program) if version is None else version
         record_property(
-            PROPERTY, tuple(Compared(program, what, float(off), float(within), unit, version))
+            PROPERTY,
+            tuple(Comparison(program, quantity, float(deviation), float(tolerance), unit, version)),
         )
-        assert off <= within, (
-            f"{program}, {what}: off by {off:g} {unit}, and {within:g} is let pass"
+        assert deviation <= tolerance, (
+            f"{program}, {quantity}: deviation {deviation:g} {unit} exceeds tolerance {tolerance:g} {unit}"
         )
 
     return compare
@@ -69,4 +75,4 @@ def pytest_terminal_summary(terminalreporter) -> None:
     properties = [
         p for report in terminalreporter.stats.get("passed", []) for p in report.user_properties
     ]
-    write(path, [Compared(*value) for name, value in properties if name == PROPERTY])
+    write(path, [Comparison(*value) for name, value in properties if name == PROPERTY])

@@ -181,12 +181,12 @@ def reachable_types() -> dict[type, str]:
     named = public_objects()
     origin: dict[type, str] = {}
     queue = [(name, item) for name, item in named.items()]
-    known = set(map(id, named.values()))
+    objects = set(map(id, named.values()))
     while queue:
         name, item = queue.pop(0)
         for cls in referenced_types(item):
-            if id(cls) not in known:
-                known.add(id(cls))
+            if id(cls) not in objects:
+                objects.add(id(cls))
                 origin[cls] = name
                 queue.append((cls.__name__, cls))
     return origin
@@ -277,11 +277,11 @@ def attribute_docs(cls: type) -> dict[str, str]:
 
 def inherited(cls: type) -> Iterator[str]:
     """Yield the members of base classes, with links to their documentation."""
-    known = {*members(cls), *fields(cls)}
+    objects = {*members(cls), *fields(cls)}
     public = {id(item): name for name, item in public_objects().items()}
     for base in bases(cls):
-        names = [n for n in (*fields(base), *members(base)) if n not in known]
-        known |= set(names)
+        names = [n for n in (*fields(base), *members(base)) if n not in objects]
+        objects |= set(names)
         title = public.get(id(base), base.__name__)
         target = f"{package_of(base)}.md#{anchor_of(title)}"
         if names:
@@ -300,21 +300,21 @@ class UnquotedAnnotation(str):
 def signature(title: str, item: Any) -> str:
     """Return the call signature, one parameter per line if long."""
     try:
-        found = inspect.signature(getattr(item, "__func__", item))
+        parameters_of = inspect.signature(getattr(item, "__func__", item))
     except (TypeError, ValueError):
         return title
     parameters = [
         p.replace(annotation=UnquotedAnnotation(p.annotation))
         if isinstance(p.annotation, str)
         else p
-        for p in found.parameters.values()
+        for p in parameters_of.parameters.values()
     ]
     returned = (
-        UnquotedAnnotation(found.return_annotation)
-        if isinstance(found.return_annotation, str)
-        else found.return_annotation
+        UnquotedAnnotation(parameters_of.return_annotation)
+        if isinstance(parameters_of.return_annotation, str)
+        else parameters_of.return_annotation
     )
-    short = f"{title}{found.replace(parameters=parameters, return_annotation=returned)}"
+    short = f"{title}{parameters_of.replace(parameters=parameters, return_annotation=returned)}"
     return (
         short
         if len(short) <= 100

@@ -38,19 +38,19 @@ def omnimirror(
     *args: object, cwd: Path | None = None, text: bool = True
 ) -> subprocess.CompletedProcess[Any]:
     """Run a command; return its exit code and output streams."""
-    words = [str(arg) for arg in args]
+    arguments = [str(arg) for arg in args]
     if sys.platform != "linux":  # graphics libraries of other systems do not support a fork
-        return subprocess.run([PROGRAM, *words], capture_output=True, text=text, cwd=cwd)
-    return _forks().command(words, cwd or Path.cwd(), text)
+        return subprocess.run([PROGRAM, *arguments], capture_output=True, text=text, cwd=cwd)
+    return _forks().command(arguments, cwd or Path.cwd(), text)
 
 
 def fails(*args: object, cwd: Path | None = None) -> str:
     """Run a command, expect failure, and return the error message."""
-    run = omnimirror(*args, cwd=cwd)
-    assert run.returncode != 0
-    assert "Traceback" not in run.stderr
-    lines = run.stderr.strip().splitlines()
-    assert len(lines) == 1, run.stderr
+    process = omnimirror(*args, cwd=cwd)
+    assert process.returncode != 0
+    assert "Traceback" not in process.stderr
+    lines = process.stderr.strip().splitlines()
+    assert len(lines) == 1, process.stderr
     return lines[0]
 
 
@@ -74,31 +74,31 @@ class Forks:
         atexit.register(self.kill)
 
     def command(
-        self, words: list[str], cwd: Path, text: bool = True
+        self, arguments: list[str], cwd: Path, text: bool = True
     ) -> subprocess.CompletedProcess[Any]:
         """Run a command and return its result."""
-        code, *streams = self._run(words, cwd)
+        code, *streams = self._run(arguments, cwd)
         if text:
             streams = [stream.decode().replace("\r\n", "\n") for stream in streams]
-        return subprocess.CompletedProcess(words, code, *streams)
+        return subprocess.CompletedProcess(arguments, code, *streams)
 
-    def _run(self, words: list[str], cwd: Path) -> tuple[int, bytes, bytes]:
+    def _run(self, arguments: list[str], cwd: Path) -> tuple[int, bytes, bytes]:
         """Return exit code, standard output and standard error."""
-        asked = json.dumps(
-            {"words": words, "cwd": str(cwd), "environment": dict(self._environment)}
+        request = json.dumps(
+            {"arguments": arguments, "cwd": str(cwd), "environment": dict(self._environment)}
         ).encode()
         (out, its_out), (err, its_err) = os.pipe(), os.pipe()
         try:
-            socket.send_fds(self._line, [len(asked).to_bytes(8, "big")], [its_out, its_err])
-            self._line.sendall(asked)
+            socket.send_fds(self._line, [len(request).to_bytes(8, "big")], [its_out, its_err])
+            self._line.sendall(request)
             os.close(its_out)
             os.close(its_err)
-            said = _all_of(out, err)
+            outputs = _all_of(out, err)
             code = _exactly(self._line, 8)
         except BaseException:  # the next test must not read the response of an interrupted one
             self.kill()
             raise
-        return int.from_bytes(code, "big", signed=True), *said  # type: ignore[return-value]
+        return int.from_bytes(code, "big", signed=True), *outputs  # type: ignore[return-value]
 
     def kill(self) -> None:
         """Terminate the process and all its forks."""
@@ -116,27 +116,27 @@ def _forks() -> Forks:
 
 def _all_of(*ends: int) -> list[bytes]:
     """Read several pipes simultaneously until all are closed."""
-    said = dict.fromkeys(ends, b"")
+    outputs = dict.fromkeys(ends, b"")
     with selectors.DefaultSelector() as waiting:
         for end in ends:
             waiting.register(end, selectors.EVENT_READ)
         while waiting.get_map():
             for key, _ in waiting.select():
                 if more := os.read(key.fd, 65536):
-                    said[key.fd] += more
+                    outputs[key.fd] += more
                 else:
                     waiting.unregister(key.fd)
                     os.close(key.fd)
-    return list(said.values())
+    return list(outputs.values())
 
 
 def _exactly(line: socket.socket, size: int) -> bytes:
-    read = b""
-    while len(read) < size:
-        if not (more := line.recv(size - len(read))):
-            raise EOFError("the other end of the line has died")
-        read += more
-    return read
+    data = b""
+    while len(data) < size:
+        if not (more := line.recv(size - len(data))):
+            raise EOFError("the process with preloaded modules has ended")
+        data += more
+    return data
 
 
 # -- in the preloaded process
@@ -159,7 +159,7 @@ def serve(line_number: int) -> None:
         size, streams, _, _ = socket.recv_fds(line, 8, 2)
         if not size:
             return
-        asked = json.loads(_exactly(line, int.from_bytes(size, "big")))
+        request = json.loads(_exactly(line, int.from_bytes(size, "big")))
         if pid := os.fork():
             for stream in streams:
                 os.close(stream)
@@ -167,10 +167,10 @@ def serve(line_number: int) -> None:
             line.sendall(code.to_bytes(8, "big", signed=True))
         else:
             line.close()
-            _run(asked, streams)
+            _run(request, streams)
 
 
-def _run(asked: dict[str, Any], streams: list[int]) -> None:
+def _run(request: dict[str, Any], streams: list[int]) -> None:
     """Run the command with streams, folder and environment of the client, and end the process."""
     from omnimirror.apps.cli import main
 
@@ -179,10 +179,10 @@ def _run(asked: dict[str, Any], streams: list[int]) -> None:
         os.close(stream)
     sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", 1, encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
-    os.chdir(asked["cwd"])
+    os.chdir(request["cwd"])
     os.environ.clear()
-    os.environ.update(asked["environment"])
-    sys.argv = [str(PROGRAM), *asked["words"]]
+    os.environ.update(request["environment"])
+    sys.argv = [str(PROGRAM), *request["arguments"]]
     code: object = 0
     try:
         main()

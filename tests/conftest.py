@@ -159,7 +159,7 @@ def uncompiled(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 def shared_data() -> Path:
     """Return the folder of real photographs; skip if missing."""
     if not SHARED.is_dir():
-        pytest.skip(f"real photographs are not here: {SHARED}")
+        pytest.skip(f"folder of real photographs is missing: {SHARED}")
     return SHARED
 
 
@@ -180,7 +180,7 @@ def is_long(item: pytest.Item) -> bool:
 
 @pytest.hookimpl(trylast=True)  # after deselection
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give each process its share of the long tests first, so none remains at the end.
+    """Distribute long tests to the starts of the processes, so that none remains at the end.
 
     Initially, ``--dist worksteal`` gives each process an equal part of the list; later, idle
     processes take tests from the ends of other parts.
@@ -190,20 +190,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     total, items[:] = len(items), []
     for k in range(processes):
         piece = (total - len(items)) // (processes - k)
-        few = max(0, piece - len(long[k::processes]))
-        items += long[k::processes] + short[:few]
-        del short[:few]
+        count = max(0, piece - len(long[k::processes]))
+        items += long[k::processes] + short[:count]
+        del short[:count]
 
 
 @pytest.fixture(scope="session")
 def launched():
     """Launch a browser with given flags; one Playwright instance for all tests of a process, which
-    supports no second."""
+    supports only one."""
     from tests.apps.studio.browser import FAKE_CAMERA, chromium
 
-    sync_api = pytest.importorskip(
-        "playwright.sync_api", reason="pages are driven by Playwright, which is not here"
-    )
+    sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
     executable = chromium()
     with sync_api.sync_playwright() as playwright:
         yield lambda flags, camera=FAKE_CAMERA: playwright.chromium.launch(
@@ -213,16 +211,16 @@ def launched():
 
 @pytest.fixture
 def display(monkeypatch):
-    """A virtual X server."""
+    """Start a virtual X server for a test."""
     program = shutil.which("Xvfb")
     if program is None or find_spec("_tkinter") is None:
-        pytest.skip("there is no Xvfb to show a window, or no Tk to draw it")
+        pytest.skip("Xvfb or Tk is not installed")
     read, write = os.pipe()
     command = [program, "-displayfd", str(write), "-screen", "0", "640x480x24", "-nolisten", "tcp"]
     server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
     os.close(write)
-    with os.fdopen(read) as told:
-        monkeypatch.setenv("DISPLAY", ":" + told.readline().strip())
+    with os.fdopen(read) as display_pipe:
+        monkeypatch.setenv("DISPLAY", ":" + display_pipe.readline().strip())
     yield
     server.terminate()
     server.wait()

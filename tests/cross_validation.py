@@ -31,13 +31,13 @@ programs` for Blender, GStreamer and OBS). *Maximum deviation* is the largest of
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 
 
-class Compared(NamedTuple):
-    """One comparison: deviation and tolerance."""
+class Comparison(NamedTuple):
+    """Deviation from another program, and its tolerance."""
 
     program: str
-    what: str
-    off: float
-    within: float
+    quantity: str
+    deviation: float
+    tolerance: float
     unit: str
     version: str
 
@@ -59,38 +59,38 @@ def version_of(program: str) -> str:
     return "?"
 
 
-def page(found: Iterable[Compared], before: str) -> str:
-    """Return the page; sections of programs that were not compared are kept from the previous page."""
-    kept = dict(SECTION.findall(before))
-    by_program: dict[str, list[Compared]] = {}
-    for one in found:
-        by_program.setdefault(one.program, []).append(one)
+def page(comparisons: Iterable[Comparison], before: str) -> str:
+    """Return the page; sections of programs without comparisons are copied from the previous page."""
+    tables = dict(SECTION.findall(before))
+    by_program: dict[str, list[Comparison]] = {}
+    for comparison in comparisons:
+        by_program.setdefault(comparison.program, []).append(comparison)
     for program, rows in by_program.items():
-        kept[program] = section(rows)
+        tables[program] = section(rows)
     return HEAD + "\n".join(
-        f"## {name}\n{kept[name].rstrip()}\n" for name in PROGRAMS if name in kept
+        f"## {name}\n{tables[name].rstrip()}\n" for name in PROGRAMS if name in tables
     )
 
 
-def section(rows: list[Compared]) -> str:
+def section(rows: list[Comparison]) -> str:
     """Return the table of one program with the largest deviation of each quantity."""
     lines = [
         f"\nVersion {rows[0].version}, {datetime.now(UTC):%d %B %Y}.\n",
         "| quantity | cases | maximum deviation | tolerance |",
         "|---|--:|--:|--:|",
     ]
-    for what in dict.fromkeys(row.what for row in rows):
-        cases = [row for row in rows if row.what == what]
-        worst = max(cases, key=lambda row: row.off / row.within)
+    for quantity in dict.fromkeys(row.quantity for row in rows):
+        cases = [row for row in rows if row.quantity == quantity]
+        worst = max(cases, key=lambda row: row.deviation / row.tolerance)
         unit = f" {worst.unit}" if worst.unit else ""
         lines.append(
-            f"| {what} | {len(cases)} | {worst.off:.2g}{unit} | {worst.within:.3g}{unit} |"
+            f"| {quantity} | {len(cases)} | {worst.deviation:.2g}{unit} | {worst.tolerance:.3g}{unit} |"
         )
     return "\n".join(lines) + "\n"
 
 
-def write(path: Path, found: Iterable[Compared]) -> None:
+def write(path: Path, comparisons: Iterable[Comparison]) -> None:
     """Write the page if there are any comparisons."""
-    rows = list(found)
+    rows = list(comparisons)
     if rows:
         path.write_text(page(rows, path.read_text() if path.exists() else ""))

@@ -69,16 +69,16 @@ def declarations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
 
     Annotations are never evaluated, decorators declare what Python enforces, ``strict=`` of ``zip`` is an assertion.
     """
-    found: list[ast.expr] = []
+    nodes: list[ast.expr] = []
     for node in ast.walk(ast.parse(source)):
-        found += [getattr(node, name, None) for name in ("annotation", "returns")]
-        found += getattr(node, "decorator_list", [])
+        nodes += [getattr(node, name, None) for name in ("annotation", "returns")]
+        nodes += getattr(node, "decorator_list", [])
         if isinstance(node, ast.Call):
-            found += [keyword.value for keyword in node.keywords if keyword.arg == "strict"]
+            nodes += [keyword.value for keyword in node.keywords if keyword.arg == "strict"]
     # col_offset - 1 includes the @ of a decorator, which is not part of its expression
     return [
         ((e.lineno, e.col_offset - 1), (e.end_lineno, e.end_col_offset))
-        for e in found
+        for e in nodes
         if isinstance(e, ast.expr)
     ]
 
@@ -102,31 +102,31 @@ def mutants(source: str, count: int, draw: random.Random) -> Iterator[Mutant]:
     from cosmic_ray.mutating import mutate_code
     from cosmic_ray.plugins import get_operator, operator_names
 
-    places: dict[tuple[tuple[int, int], tuple[int, int]], list[tuple[str, int]]] = {}
-    hidden, nodes = declarations(source), list(ast_nodes(get_ast(source)))
+    operators_at: dict[tuple[tuple[int, int], tuple[int, int]], list[tuple[str, int]]] = {}
+    excluded, nodes = declarations(source), list(ast_nodes(get_ast(source)))
     for name in sorted(operator_names()):
         if get_operator(name).arguments() or IDENTITY.search(name):
             continue  # needs a configuration of its own, or changes nothing
         operator = get_operator(name)()
         spans = (span for node in nodes for span in operator.mutation_positions(node))
         for occurrence, (start, end) in enumerate(spans):
-            if not any(a <= start < b for a, b in hidden):
-                places.setdefault((start, end), []).append((name, occurrence))
-    order = sorted(places)
+            if not any(a <= start < b for a, b in excluded):
+                operators_at.setdefault((start, end), []).append((name, occurrence))
+    order = sorted(operators_at)
     draw.shuffle(order)
-    original, found = ast.dump(ast.parse(source)), 0
-    for place in order:
-        choices = places[place]
+    original, total = ast.dump(ast.parse(source)), 0
+    for position in order:
+        choices = operators_at[position]
         for name, occurrence in choices if count == 0 else [draw.choice(choices)]:
             try:
                 mutated = mutate_code(source, get_operator(name)(), occurrence)
-                changed = mutated is not None and ast.dump(ast.parse(mutated)) != original
+                is_changed = mutated is not None and ast.dump(ast.parse(mutated)) != original
             except (SyntaxError, AttributeError):  # Cosmic Ray cannot replace dotted exceptions
-                changed = False
-            if changed:
-                found += 1
+                is_changed = False
+            if is_changed:
+                total += 1
                 yield Mutant(mutated, *changed_lines(source, mutated))
-        if found >= count > 0:
+        if total >= count > 0:
             return
 
 
@@ -178,8 +178,8 @@ def passes(copy: Path, arguments: list[str], timeout: float) -> bool | None:
             os._exit(code)
     end = time.monotonic() + timeout
     while time.monotonic() < end:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
+        pid, status = os.waitpid(child, os.WNOHANG)
+        if pid:
             return os.waitstatus_to_exitcode(status) == 0
         time.sleep(0.02)
     os.killpg(child, signal.SIGKILL)
@@ -266,12 +266,12 @@ def main() -> int:
     options = parser.parse_args()
 
     table = tomllib.loads(TABLE.read_text())
-    chosen = {
+    tests_of = {
         m: t
         for m, t in table["tests"].items()
         if any(fnmatch.fnmatch(m, f"*{p}") for p in options.modules)
     }
-    if not chosen:
+    if not tests_of:
         parser.error(
             f"modules must match a module of {TABLE.relative_to(CHECKOUT)}; got {' '.join(options.modules)}"
         )
@@ -289,9 +289,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="omnimirror-mutation-") as folder:
         copy = Path(folder, "checkout").resolve()
         copy_checkout(copy)
-        width = max(map(len, chosen))
+        width = max(map(len, tests_of))
         print(f"{'module':{width}} {'killed':>8} {'survived':>9} {'equivalent':>11} {'seconds':>8}")
-        for module, tests in chosen.items():
+        for module, tests in tests_of.items():
             start = time.monotonic()
             score = examine(
                 copy, module, tests, equivalent.get(module, set()), options.sample, options.seed

@@ -14,17 +14,17 @@ def instructions() -> list[str]:
     """Return all instruction sets of this machine; empty without the compiled module."""
     if not backend.is_compiled:
         return []
-    known, before = [], backend.name
+    supported, before = [], backend.name
     for name in ("plain", "avx2", "avx512", "avx512-gather", "neon"):
         try:
             backend.kernels.set_instruction_set(name)
         except ValueError:
             continue
-        known.append(name)
+        supported.append(name)
     backend.kernels.set_instruction_set(before)
-    return known
+    return supported
 
 
-def remap_at(picture, places, interpolation="linear", out=None, border=0) -> np.ndarray:
+def remap_at(image, positions, interpolation="linear", out=None, border=0) -> np.ndarray:
     """Return image values at positions (rows, columns, 2), by a temporary map."""
-    return remap(picture, PixelMap(places, picture.shape[1::-1]), interpolation, out, border)
+    return remap(image, PixelMap(positions, image.shape[1::-1]), interpolation, out, border)

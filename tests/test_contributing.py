@@ -25,11 +25,11 @@ WEB, NATIVE = CHECKOUT / "web", CHECKOUT / "native"
 
 
 # An editable installation locates the package by a finder that precedes sys.path.
-OF_THE_COPY = """
+COPY_FINDER = """
 import sys
 sys.meta_path[:] = [f for f in sys.meta_path if not type(f).__name__.startswith("ScikitBuild")]
 """
-RUN_THE_COPY = f"""{OF_THE_COPY}
+RUN_THE_COPY = f"""{COPY_FINDER}
 import runpy
 runpy.run_module("omnimirror", run_name="__main__", alter_sys=True)
 """
@@ -48,30 +48,30 @@ UNDER = ("", "native", "web", "src", "src/omnimirror")
 
 def ignored(files: list[Path]) -> set[str]:
     """Return the files excluded from a clone by git; empty outside a git checkout."""
-    words = ["git", "check-ignore", "--stdin"]
-    found = subprocess.run(
-        words, input="\n".join(map(str, files)), cwd=CHECKOUT, capture_output=True, text=True
+    command = ["git", "check-ignore", "--stdin"]
+    process = subprocess.run(
+        command, input="\n".join(map(str, files)), cwd=CHECKOUT, capture_output=True, text=True
     )
-    return set(found.stdout.split())
+    return set(process.stdout.split())
 
 
 @pytest.mark.parametrize("page", NAMED_IN)
 def test_named_programs_exist(page):
     """The named programs are present here and in a clone."""
-    named = {
+    names = {
         name
         for name in PROGRAM.findall((CHECKOUT / page).read_text())
         if not re.search("[A-Z]{3}|^build/", name)
     }
-    assert named
-    there = {
+    assert names
+    paths = {
         name: CHECKOUT / under / name
-        for name in named
+        for name in names
         for under in UNDER
         if (CHECKOUT / under / name).is_file()
     }
-    assert named - set(there) == set()
-    assert ignored(list(there.values())) == set()
+    assert names - set(paths) == set()
+    assert ignored(list(paths.values())) == set()
 
 
 def test_mutation_table_names_existing_modules_and_tests():
@@ -102,9 +102,9 @@ def edit(file: Path, *changes: tuple[str, str]) -> None:
     file.write_text(text)
 
 
-def run(words, folder, **environment) -> subprocess.CompletedProcess[str]:
+def run(command, folder, **environment) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*map(str, words)],
+        [*map(str, command)],
         cwd=folder,
         env={**os.environ, **environment},
         capture_output=True,
@@ -112,17 +112,17 @@ def run(words, folder, **environment) -> subprocess.CompletedProcess[str]:
     )
 
 
-def command_of(copy: Path, *words) -> subprocess.CompletedProcess[str]:
+def command_of(copy: Path, *arguments) -> subprocess.CompletedProcess[str]:
     """Run a command of a copy."""
-    program = [sys.executable, "-c", RUN_THE_COPY, *words]
+    program = [sys.executable, "-c", RUN_THE_COPY, *arguments]
     return run(program, copy, PYTHONPATH=str(copy / "src"))
 
 
 def use(copy: Path, code: str) -> list[str]:
     """Run a program that imports a copy; return the printed lines."""
-    done = run([sys.executable, "-c", OF_THE_COPY + code], copy, PYTHONPATH=str(copy / "src"))
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    process = run([sys.executable, "-c", COPY_FINDER + code], copy, PYTHONPATH=str(copy / "src"))
+    assert process.returncode == 0, process.stderr
+    return process.stdout.splitlines()
 
 
 @pytest.fixture
@@ -363,8 +363,8 @@ def test_adding_a_camera_file_format(copy):
     )
     assert read_back.returncode == 0, read_back.stderr
     assert om.load_camera(copy / "camera.toml").xi == 1.0
-    written = command_of(copy, "convert", "camera.toml", "-o", "b.mei", "--to", "mei-line")
-    assert written.returncode == 0, written.stderr
+    export_process = command_of(copy, "convert", "camera.toml", "-o", "b.mei", "--to", "mei-line")
+    assert export_process.returncode == 0, export_process.stderr
     assert (copy / "b.mei").read_text().split() == [
         "mei",
         "1.0",
@@ -417,8 +417,8 @@ def test_adding_a_command(copy):
         ),
     )
     program, path = [sys.executable, "-c", RUN_THE_COPY], {"PYTHONPATH": str(copy / "src")}
-    said = run([*program, "girth", "paper-spherical", "--scale", 2], copy, **path)
-    assert said.stdout == "175.62 mm\n", said.stderr  # twice 2 x 43.905
+    process = run([*program, "girth", "paper-spherical", "--scale", 2], copy, **path)
+    assert process.stdout == "175.62 mm\n", process.stderr  # twice 2 x 43.905
     assert "Print the diameter of a mirror." in run([*program, "--help"], copy, **path).stdout
     assert (
         run([*program, "girth", "paper-spherical", "--scale", "wide"], copy, **path).returncode == 2
@@ -488,11 +488,11 @@ def test_adding_a_tab_to_the_studio(tmp_path):
         ('"../shared/store"', '"../look/look"'),
         ("Store }", "Look as Store }"),
     )
-    refused = run(
+    rejection = run(
         ["node", "node_modules/vitest/vitest.mjs", "run", "tests/architecture.test.ts"], web
     )
-    assert refused.returncode != 0
-    assert "notes/entry imports look/look" in refused.stdout + refused.stderr
+    assert rejection.returncode != 0
+    assert "notes/entry imports look/look" in rejection.stdout + rejection.stderr
 
 
 # -- compiled kernel -------------------------------------------------------------------------------
@@ -537,7 +537,7 @@ void add_twice(nb::module_& m) {
 
 }  // namespace omnimirror
 """
-CALLS = f"""{OF_THE_COPY}
+CALLS = f"""{COPY_FINDER}
 import numpy as np
 from omnimirror.base.native import backend
 values, out = np.arange(5.0), np.zeros(5)
@@ -587,14 +587,16 @@ def test_adding_a_kernel(copy):
             "    def twice(self, values: Array, out: Array) -> None: ...\n    def get_threads(self) -> int: ...",
         ),
     )
-    built = copy / "build"
-    made = run(["cmake", "-S", native, "-B", built, f"-DPython_EXECUTABLE={sys.executable}"], copy)
-    assert made.returncode == 0, made.stderr
-    made = run(["cmake", "--build", built, "-j", 2], copy)
-    assert made.returncode == 0, made.stdout + made.stderr
-    (kernels,) = built.glob("_native*.so")
+    build_folder = copy / "build"
+    cmake = run(
+        ["cmake", "-S", native, "-B", build_folder, f"-DPython_EXECUTABLE={sys.executable}"], copy
+    )
+    assert cmake.returncode == 0, cmake.stderr
+    cmake = run(["cmake", "--build", build_folder, "-j", 2], copy)
+    assert cmake.returncode == 0, cmake.stdout + cmake.stderr
+    (kernels,) = build_folder.glob("_native*.so")
     shutil.copy(kernels, package / "base")
-    called = run(
+    call = run(
         [sys.executable, "-c", CALLS], copy, PYTHONPATH=str(copy / "src"), OMNIMIRROR_NATIVE=""
     )
-    assert called.stdout == "the arrays differ in length\n", called.stderr
+    assert call.stdout == "the arrays differ in length\n", call.stderr

@@ -83,17 +83,17 @@ def test_python_examples_print_documented_output(page, tmp_path, monkeypatch, ca
     write_files(page, tmp_path)
     names: dict[str, object] = {}
     pattern = r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?"
-    for block, shown in re.findall(pattern, page.read_text(encoding="utf-8"), flags=re.M | re.S):
+    for block, expected in re.findall(pattern, page.read_text(encoding="utf-8"), flags=re.M | re.S):
         capsys.readouterr()
         exec(compile(block, str(page), "exec"), names)
-        assert_printed(shown.splitlines(), capsys.readouterr().out, block)
+        assert_printed(expected.splitlines(), capsys.readouterr().out, block)
 
 
 def files_shown(page: Path) -> dict[str, str]:
     """Return the files that a page shows: blocks whose first line is a comment with the name, "# name.toml"."""
     text = page.read_text(encoding="utf-8")
-    found = re.findall(r"^```\w+\n(# ([\w-]+\.[a-z]+)\n.*?)^```", text, flags=re.M | re.S)
-    return {name: block for block, name in found}
+    named_blocks = re.findall(r"^```\w+\n(# ([\w-]+\.[a-z]+)\n.*?)^```", text, flags=re.M | re.S)
+    return {name: block for block, name in named_blocks}
 
 
 def write_files(page: Path, folder: Path) -> None:
@@ -103,44 +103,44 @@ def write_files(page: Path, folder: Path) -> None:
 
 def commands(page: Path, language: str) -> list[tuple[str, list[str]]]:
     """Return the commands of a page, each with its displayed lines of output."""
-    found: list[tuple[str, list[str]]] = []
+    outputs: list[tuple[str, list[str]]] = []
     for line in (line for block in blocks(page, language) for line in block.splitlines()):
         if line.startswith("$ "):
-            found.append((line[2:], []))
+            outputs.append((line[2:], []))
         elif line.strip():
-            found[-1][1].append(line)
-    return found
+            outputs[-1][1].append(line)
+    return outputs
 
 
 def run_command(command: str, folder: Path, exit_codes: tuple[int, ...]) -> str:
     program, *args = shlex.split(command)
     assert program == "omnimirror"
-    run = omnimirror(*args, cwd=folder)
-    assert run.returncode in exit_codes, f"{command}\n{run.stderr}"
-    return run.stdout
+    process = omnimirror(*args, cwd=folder)
+    assert process.returncode in exit_codes, f"{command}\n{process.stderr}"
+    return process.stdout
 
 
-def assert_printed(shown: list[str], output: str, command: str) -> None:
+def assert_printed(expected_lines: list[str], output: str, command: str) -> None:
     """Check that every displayed line was printed, in this order, to the third digit of its
     numbers."""
     printed = iter(output.splitlines())
-    for line in shown:
+    for line in expected_lines:
         assert any(is_same(line, other) for other in printed), (
             f"{command} does not print\n{line}\n{output}"
         )
 
 
-def is_same(shown: str, printed: str) -> bool:
-    a, b = shown.split(), printed.split()
+def is_same(expected: str, printed: str) -> bool:
+    a, b = expected.split(), printed.split()
     return len(a) == len(b) and all(
         word == other or is_near(word, other) for word, other in zip(a, b, strict=True)
     )
 
 
-def is_near(shown: str, printed: str) -> bool:
+def is_near(expected: str, printed: str) -> bool:
     try:
         return float(printed.strip("()%")) == pytest.approx(
-            float(shown.strip("()%")), rel=2e-3, abs=0.02
+            float(expected.strip("()%")), rel=2e-3, abs=0.02
         )
     except ValueError:
         return False
@@ -151,7 +151,10 @@ def is_near(shown: str, printed: str) -> bool:
 def test_commands_print_documented_output(page, tmp_path):
     """Without figures, which take half of the time; the next test includes them."""
     run_in_order(
-        [(FIGURES.sub("", command), shown) for command, shown in commands(page, "console")],
+        [
+            (FIGURES.sub("", command), expected_lines)
+            for command, expected_lines in commands(page, "console")
+        ],
         page,
         tmp_path,
     )
@@ -171,29 +174,29 @@ def test_python_examples_use_existing_names(page):
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda p: p.name)
 def test_commands_use_existing_options(page):
     for line, _ in commands(page, "console"):
-        _, name, *words = shlex.split(line)
+        _, name, *arguments = shlex.split(line)
         command = app.get_command(click.Context(app), name)
         assert command is not None, line
-        there = {"--help", *options(app), *options(command)}
-        assert {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)} <= there, (
-            line
-        )
+        valid_options = {"--help", *options(app), *options(command)}
+        assert {
+            word.partition("=")[0] for word in arguments if re.match(r"--?[a-z]", word)
+        } <= valid_options, line
 
 
 def options(command: click.Command) -> set[str]:
     """Return the options of a command and its subcommands."""
     own = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
-    held = command.commands.values() if isinstance(command, click.Group) else ()
-    return own.union(*map(options, held))
+    subcommands = command.commands.values() if isinstance(command, click.Group) else ()
+    return own.union(*map(options, subcommands))
 
 
 def run_in_order(commands: list[tuple[str, list[str]]], page: Path, folder: Path) -> None:
     write_files(page, folder)
-    for command, shown in commands:
+    for command, expected_lines in commands:
         codes = (
             (0, 3) if command.startswith("omnimirror check") else (0,)
         )  # 3: violated requirements
-        assert_printed(shown, run_command(command, folder, codes), command)
+        assert_printed(expected_lines, run_command(command, folder, codes), command)
 
 
 @pytest.mark.full
@@ -205,8 +208,8 @@ def run_in_order(commands: list[tuple[str, list[str]]], page: Path, folder: Path
 def test_commands_write_requested_figures(page, tmp_path):
     run_in_order(commands(page, "console"), page, tmp_path)
     for option in FIGURES.findall("\n".join(blocks(page, "console"))):
-        drawn = tmp_path / option.split()[1]
-        assert drawn.is_file() or any(drawn.glob("*.svg")), option
+        figure_path = tmp_path / option.split()[1]
+        assert figure_path.is_file() or any(figure_path.glob("*.svg")), option
 
 
 @pytest.mark.full
@@ -215,8 +218,8 @@ def test_commands_write_requested_figures(page, tmp_path):
 )
 def test_slow_commands_print_documented_output(page, tmp_path):
     write_files(page, tmp_path)
-    for command, shown in commands(page, "console slow"):
-        assert_printed(shown, run_command(command, tmp_path, (0, 3)), command)
+    for command, expected_lines in commands(page, "console slow"):
+        assert_printed(expected_lines, run_command(command, tmp_path, (0, 3)), command)
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "toml")], ids=lambda p: p.name)
@@ -298,17 +301,22 @@ def test_tables_are_read_as_documented(page, name, tmp_path):
 
 def test_boxes_move_as_documented(tmp_path):
     """Render the boxes of docs/simulate.md; its last sentence states that one moves to the left and
-    the other rises."""
+    the other moves up."""
     write_files(ROOT / "docs" / "simulate.md", tmp_path)
     bodies = om.load_bodies(tmp_path / "carts.toml")
     sphere = om.load_sensor("paper-spherical")
     small = replace(
         sphere, imager=replace(sphere.imager, width_px=256, height_px=256, pixel_pitch_um=5.2 * 4)
     )
-    places = [[1300.0, 0.0, 0.0], [1300.0, 900.0, 0.0], [-700.0, 0.0, -400.0], [-700.0, 0.0, 650.0]]
+    points_mm = [
+        [1300.0, 0.0, 0.0],
+        [1300.0, 900.0, 0.0],
+        [-700.0, 0.0, -400.0],
+        [-700.0, 0.0, 650.0],
+    ]
     (u, v), valid = (
-        (found := small.project(np.array(places))).pixels.round().astype(int).T,
-        found.valid,
+        (projection := small.project(np.array(points_mm))).pixels.round().astype(int).T,
+        projection.valid,
     )
     assert valid.all()
     for time, shows in ((0.0, [True, False, True, False]), (1.0, [False, True, False, True])):
@@ -375,14 +383,14 @@ def test_site_contains_every_page_and_public_name(site):
 
 def sections_of(site: Any) -> dict[str, str]:
     """Return the text of each documented name of the reference, including its members."""
-    found = {}
+    texts_by_name = {}
     for page in (site.PAGES / "reference").glob("*.md"):
         parts = re.split(r"(?m)^(#{2,5}) (\S+) \{.*$", page.read_text(encoding="utf-8"))
         levels, names, texts = parts[1::3], parts[2::3], parts[3::3]
         for i, (level, name) in enumerate(zip(levels, names, strict=True)):
             end = next((j for j in range(i + 1, len(names)) if len(levels[j]) <= len(level)), None)
-            found[name] = " ".join([*names[i:end], *texts[i:end]])
-    return found
+            texts_by_name[name] = " ".join([*names[i:end], *texts[i:end]])
+    return texts_by_name
 
 
 def returned_classes(annotation: Any) -> list[type]:

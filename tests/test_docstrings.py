@@ -46,25 +46,25 @@ def sections(doc: str) -> dict[str, str]:
 
 def entries(text: str) -> dict[str, str]:
     """Return the description of each name in a section: ``a, b : (n,)`` and the following lines."""
-    found: dict[str, str] = {}
+    descriptions: dict[str, str] = {}
     for block in re.split(r"(?m)^(?=\S)", text):
         head, _, body = block.partition("\n")
         names = head.partition(" : ")[0]
         for name in names.split(","):
-            found[name.strip().lstrip("*")] = f"{head.partition(' : ')[2]} {body}"
-    return found
+            descriptions[name.strip().lstrip("*")] = f"{head.partition(' : ')[2]} {body}"
+    return descriptions
 
 
 def fields_explained(cls: type) -> dict[str, str]:
     """Return the fields of a class with their attribute docstrings."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(tree, ast.ClassDef)
-    found = {}
+    descriptions = {}
     for field, below in zip(tree.body, tree.body[1:], strict=False):
         is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and is_text:
-            found[field.target.id] = str(below.value.value)
-    return found
+            descriptions[field.target.id] = str(below.value.value)
+    return descriptions
 
 
 def raises(function: Any) -> bool:
@@ -78,22 +78,22 @@ def raises(function: Any) -> bool:
     return any(isinstance(n, ast.Raise) and n.exc for n in ast.walk(tree)) or bool(calls & CHECKS)
 
 
-def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
-    """Yield the missing parts in the docstring of a function, class or method."""
-    doc = inspect.getdoc(thing)
+def lacking(item: Any, of: type | None = None) -> Iterator[str]:
+    """Yield the parts that the docstring of a function, class or method lacks."""
+    doc = inspect.getdoc(item)
     if not doc:
         yield "a docstring"
         return
     parts = sections(doc)
-    is_class = inspect.isclass(thing)
+    is_class = inspect.isclass(item)
     explained = entries(parts.get("Parameters", ""))
     if is_class:
         explained |= entries(parts.get("Attributes", ""))
-        for cls in thing.__mro__:  # fields of a dataclass are explained where they are defined
-            if cls is thing or dataclasses.is_dataclass(cls):
+        for cls in item.__mro__:  # fields of a dataclass are explained where they are defined
+            if cls is item or dataclasses.is_dataclass(cls):
                 explained |= fields_explained(cls)
                 explained |= entries(sections(inspect.getdoc(cls) or "").get("Parameters", ""))
-    for name, parameter in inspect.signature(thing).parameters.items():
+    for name, parameter in inspect.signature(item).parameters.items():
         if name in ("self", "cls") or name.startswith("_"):
             continue
         if name not in explained:
@@ -104,14 +104,14 @@ def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
         yield from (
             f"no parameter {name}"
             for name in explained
-            if name and name not in inspect.signature(thing).parameters
+            if name and name not in inspect.signature(item).parameters
         )
-        annotation = str(inspect.signature(thing).return_annotation)
+        annotation = str(inspect.signature(item).return_annotation)
         if annotation not in ("None", "Self") and not {"Returns", "Yields"} & parts.keys():
             yield "Returns"
         if ARRAYS.search(annotation) and not SHAPE.search(parts.get("Returns", "") + parts[""]):
-            yield "shape of what is returned"
-        if raises(thing) and "Raises" not in parts:
+            yield "shape of the returned array"
+        if raises(item) and "Raises" not in parts:
             yield "Raises"
     if of is None and ">>>" not in doc:
         yield "an example"
@@ -119,25 +119,25 @@ def lacking(thing: Any, of: type | None = None) -> Iterator[str]:
 
 def explained_names() -> dict[str, tuple[Any, type | None]]:
     """Return all names that require documentation, methods with their class."""
-    found: dict[str, tuple[Any, type | None]] = {}
+    items: dict[str, tuple[Any, type | None]] = {}
     for name in om.__all__:
-        thing = getattr(om, name)
-        if inspect.isfunction(thing) or inspect.isclass(thing):
-            found[name] = thing, None
-        if inspect.ismodule(thing):
-            parts = {f"{name}.{own}": getattr(thing, own) for own in thing.__all__}
-            found |= {
+        item = getattr(om, name)
+        if inspect.isfunction(item) or inspect.isclass(item):
+            items[name] = item, None
+        if inspect.ismodule(item):
+            parts = {f"{name}.{own}": getattr(item, own) for own in item.__all__}
+            items |= {
                 n: (p, None)
                 for n, p in parts.items()
                 if inspect.isfunction(p) or dataclasses.is_dataclass(p)
             }
-        if inspect.isclass(thing):
+        if inspect.isclass(item):
             for own, method in inspect.getmembers(
-                thing, lambda m: inspect.isfunction(m) or inspect.ismethod(m)
+                item, lambda m: inspect.isfunction(m) or inspect.ismethod(m)
             ):
                 if not own.startswith("_") and method.__module__.startswith("omnimirror"):
-                    found[f"{name}.{own}"] = getattr(method, "__func__", method), thing
-    return found
+                    items[f"{name}.{own}"] = getattr(method, "__func__", method), item
+    return items
 
 
 NAMES = explained_names()

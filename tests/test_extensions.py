@@ -178,7 +178,7 @@ def test_contract_detects_wrong_slope(quartic, monkeypatch):
         match=r"^slope at x = 37\.2 mm is 1\.6103.*, but its integral changes by 1\.60871",
     ):
         check_mirror(quartic)
-    monkeypatch.setattr(Quartic, "wrong", 1 + 1e-7)  # within the tolerance
+    monkeypatch.setattr(Quartic, "wrong", 1 + 1e-7)  # with_slope_error the tolerance
     check_mirror(quartic)
 
 
@@ -212,18 +212,18 @@ def with_parameters(**changes):
     }
 
 
-def within(low, high):
+def with_slope_error(low, high):
     """Return a slope error of 0.01 between two fractions of the rim radius."""
     return with_profile(lambda u, z, s, c: (z, s + 0.01 * ((low < u) & (u < high)), c))
 
 
 DEPTH, RADIUS = Quartic.PARAMETERS["depth_mm"], Quartic.PARAMETERS["rim_radius_mm"]
 BREACHES = {
-    "slope in the middle": (within(0.1, 0.2), "slope at x = 5.2 mm is"),
-    "slope of the inner zone": (within(0.25, 0.35), "slope at x = 12.4 mm is"),
-    "slope of the zone between": (within(0.5, 0.6), "slope at x = 20.8 mm is"),
-    "slope of the outer zone": (within(0.7, 0.8), "slope at x = 30.8 mm is"),
-    "slope of the rim": (within(0.9, 0.95), "slope at x = 37.2 mm is"),
+    "slope in the middle": (with_slope_error(0.1, 0.2), "slope at x = 5.2 mm is"),
+    "slope of the inner zone": (with_slope_error(0.25, 0.35), "slope at x = 12.4 mm is"),
+    "slope of the zone between": (with_slope_error(0.5, 0.6), "slope at x = 20.8 mm is"),
+    "slope of the outer zone": (with_slope_error(0.7, 0.8), "slope at x = 30.8 mm is"),
+    "slope of the rim": (with_slope_error(0.9, 0.95), "slope at x = 37.2 mm is"),
     "curvature": (
         with_profile(lambda u, z, s, c: (z, s, 0.999 * c)),
         "curvature at x = 37.2 mm is",
@@ -356,12 +356,12 @@ BREACHES = {
 
 
 @pytest.mark.parametrize(
-    ("members", "sentence"), BREACHES.values(), ids=[k.replace(" ", "-") for k in BREACHES]
+    ("members", "message"), BREACHES.values(), ids=[k.replace(" ", "-") for k in BREACHES]
 )
-def test_contract_names_violated_rule(members, sentence, quartic, monkeypatch):
+def test_contract_names_violated_rule(members, message, quartic, monkeypatch):
     for name, member in members.items():
         monkeypatch.setattr(Quartic, name, member)
-    with pytest.raises(AssertionError, match=sentence):
+    with pytest.raises(AssertionError, match=message):
         check_mirror(quartic)
 
 
@@ -385,9 +385,9 @@ def test_contract_allows_flat_mirrors():
 
 
 def test_contract_requires_units_in_names(monkeypatch):
-    known = EvenPolynomial.PARAMETERS
-    with_unit = replace(known["coefficients"], unit="mm")
-    monkeypatch.setattr(EvenPolynomial, "PARAMETERS", known | {"coefficients": with_unit})
+    parameters = EvenPolynomial.PARAMETERS
+    with_unit = replace(parameters["coefficients"], unit="mm")
+    monkeypatch.setattr(EvenPolynomial, "PARAMETERS", parameters | {"coefficients": with_unit})
     with pytest.raises(AssertionError, match="coefficients must end with its unit"):
         check_mirror(EvenPolynomial((0.01,), 5.0))
 
@@ -481,11 +481,20 @@ def test_unusable_plugins_are_reported_and_omitted(installed, environment, tmp_p
 
 def test_installed_package_adds_view_and_format(installed, tmp_path):
     om.write_image(tmp_path / "a.png", np.full((1024, 1024, 3), 90, np.uint8))
-    look = ("dewarp", "a.png", "--sensor", "paper-spherical", "--view", "fan", "--size", "320x80")
+    arguments = (
+        "dewarp",
+        "a.png",
+        "--sensor",
+        "paper-spherical",
+        "--view",
+        "fan",
+        "--size",
+        "320x80",
+    )
     run = omnimirror(
         installed,
         tmp_path,
-        *look,
+        *arguments,
         "--pan-deg",
         "30",
         "--set=image.transparent=false",
@@ -494,7 +503,7 @@ def test_installed_package_adds_view_and_format(installed, tmp_path):
     )
     assert run.returncode == 0, run.stderr
     assert om.read_image(tmp_path / "fan.png").shape == (80, 320, 3)
-    run = omnimirror(installed, tmp_path, *look, "--set", "view.roll_deg=30", "-o", "no.png")
+    run = omnimirror(installed, tmp_path, *arguments, "--set", "view.roll_deg=30", "-o", "no.png")
     assert (
         "--set view.roll_deg requires --view perspective; it does not apply to --view fan"
         in run.stderr
@@ -572,12 +581,12 @@ def test_user_screen_is_rendered_without_registration():
     """Each output pixel has the image value at the projection of its direction."""
     camera, screen = load_sensor("paper-spherical"), Staircase()
     v, u = np.mgrid[:1024, :1024]
-    picture = np.stack([u / 4, v / 4, np.full_like(u, 77)], axis=-1).astype(np.uint8)
-    straight = om.Dewarper(camera, screen, "linear")(picture)
+    image = np.stack([u / 4, v / 4, np.full_like(u, 77)], axis=-1).astype(np.uint8)
+    straight = om.Dewarper(camera, screen, "linear")(image)
     rows, columns = np.mgrid[:2, :4]
-    seen = camera.project_directions(screen.targets_at(columns, rows).reshape(-1, 3))
-    assert seen.valid.all()
-    np.testing.assert_allclose(straight.reshape(-1, 3)[:, :2], seen.pixels / 4, atol=1.0)
+    projection = camera.project_directions(screen.targets_at(columns, rows).reshape(-1, 3))
+    assert projection.valid.all()
+    np.testing.assert_allclose(straight.reshape(-1, 3)[:, :2], projection.pixels / 4, atol=1.0)
 
 
 class Pinhole:
@@ -607,10 +616,8 @@ class Pinhole:
 def test_user_camera_is_dewarped_without_registration():
     camera = Pinhole()
     v, u = np.mgrid[:101, :101]
-    picture = np.stack([2 * u, 2 * v, np.full_like(u, 77)], axis=-1).astype(np.uint8)
-    straight = om.Dewarper(camera, om.screens.DomeMaster((41, 41), 30.0, "zenith"), "linear")(
-        picture
-    )
+    image = np.stack([2 * u, 2 * v, np.full_like(u, 77)], axis=-1).astype(np.uint8)
+    straight = om.Dewarper(camera, om.screens.DomeMaster((41, 41), 30.0, "zenith"), "linear")(image)
     assert tuple(straight[20, 20]) == (100, 100, 77)  # the zenith is the image centre
     away = 50 * np.tan(np.radians(30.0 * 10 / 20.5))  # r = f tan(omega), 10 px from the centre
     assert 2 * away == pytest.approx(abs(int(straight[10, 20, 1]) - 100), abs=1.5)

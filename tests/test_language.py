@@ -25,7 +25,6 @@ GIVEN = "options given on the command line, as opposed to defaults"
 EXCEPTIONS = {
     "apps/cli/_camera_options.py: given": GIVEN,
     "apps/cli/_declarations.py: given": GIVEN,
-    "apps/cli/_declarations.py: found": "local name in a module that is being changed",
     "apps/cli/_design_options.py: given": GIVEN,
     "apps/cli/_scene_options.py: given": GIVEN,
     "apps/cli/commands/design.py: given": GIVEN,
@@ -232,29 +231,29 @@ class Module(NamedTuple):
 @cache
 def modules() -> tuple[Module, ...]:
     """Return the texts and names of all modules."""
-    found = []
+    results = []
     for path in sorted(SOURCE.rglob("*.py")):
         module, source = Module(str(path.relative_to(SOURCE)), [], [], set()), path.read_text()
         module.visit(ast.parse(source))
         module.texts.extend(comments(source, module.place, module.in_strings))
-        found.append(module)
-    return tuple(found)
+        results.append(module)
+    return tuple(results)
 
 
-def docstrings(node: ast.AST, where: str) -> Iterator[Text]:
+def docstrings(node: ast.AST, module_path: str) -> Iterator[Text]:
     """Yield the docstrings of a module, class or function and of its attributes."""
     assert isinstance(node, DOCUMENTED)
     if doc := ast.get_docstring(node):
         kind = type(node).__name__.removeprefix("Async").removesuffix("Def").lower()
         if any(ast.unparse(d).endswith("property") for d in getattr(node, "decorator_list", [])):
             kind = "property"
-        yield Text(kind, getattr(node, "name", ""), doc, f"{where}:{node.body[0].lineno}")
+        yield Text(kind, getattr(node, "name", ""), doc, f"{module_path}:{node.body[0].lineno}")
     for field, below in pairwise(node.body):
         if isinstance(field, ast.Assign | ast.AnnAssign) and isinstance(below, ast.Expr):
             target = field.targets[0] if isinstance(field, ast.Assign) else field.target
             if text := literal(below.value):
-                place = f"{where}:{below.lineno}"
-                yield Text("attribute", ast.unparse(target), inspect.cleandoc(text), place)
+                location = f"{module_path}:{below.lineno}"
+                yield Text("attribute", ast.unparse(target), inspect.cleandoc(text), location)
 
 
 def literal(node: ast.expr) -> str:
@@ -310,17 +309,17 @@ def pages() -> list[Path]:
 @cache
 def texts() -> tuple[Text, ...]:
     """Return all texts."""
-    found = [text for module in modules() for text in module.texts if text.text]
+    results = [text for module in modules() for text in module.texts if text.text]
     for page in pages():
         text = re.sub(r"(?ms)^```.*?^```|^ {4}\S.*?$|^<!--.*?-->", "", page.read_text())
         where = page.relative_to(ROOT)
         for line in re.split(r"\n(?=#)|\n\s*\n", text):
             kind = "heading" if line.startswith("#") else "page"
-            head, _, rest = line.partition("\n") if kind == "heading" else (line, "", "")
-            found.append(Text(kind, "", head, str(where)))
-            if rest:
-                found.append(Text("page", "", rest, str(where)))
-    return tuple(found)
+            head, _, body = line.partition("\n") if kind == "heading" else (line, "", "")
+            results.append(Text(kind, "", head, str(where)))
+            if body:
+                results.append(Text("page", "", body, str(where)))
+    return tuple(results)
 
 
 def first_word(text: str) -> str:
@@ -377,8 +376,8 @@ def headings() -> Iterator[str]:
         if text.kind != "heading" or re.match(r"# omnimirror|#+ \[", text.text):
             continue
         title = re.sub(r"^#+ (?:\d+\. )?", "", text.text)
-        words = re.findall(r"[\w.'-]+", CODE.sub(" ", title))
-        capitals = [w for w in words[1:] if re.fullmatch("[A-Z][a-z]+", w)]
+        title_words = re.findall(r"[\w.'-]+", CODE.sub(" ", title))
+        capitals = [w for w in title_words[1:] if re.fullmatch("[A-Z][a-z]+", w)]
         if (
             title.endswith((".", "?", "!"))
             or not re.match(r"[A-Z0-9`]", title)

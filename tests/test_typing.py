@@ -18,16 +18,18 @@ def test_package_is_marked_as_typed():
 
 
 def test_type_checkers_resolve_every_public_name():
-    told = {}
+    module_by_name = {}
     for node in ast.walk(ast.parse(SOURCE.read_text())):
         if (
             isinstance(node, ast.If)
             and isinstance(node.test, ast.Name)
             and node.test.id == "TYPE_CHECKING"
         ):
-            told |= {name.asname: line.module for line in node.body for name in line.names}
-    assert set(told) == set(om.__all__) - {"__version__"}
-    for name, home in told.items():
+            module_by_name |= {
+                name.asname: line.module for line in node.body for name in line.names
+            }
+    assert set(module_by_name) == set(om.__all__) - {"__version__"}
+    for name, home in module_by_name.items():
         public = getattr(om, name)  # imports a submodule such as batch
         assert getattr(import_module(f"omnimirror.{home}"), name) is public
 
@@ -43,11 +45,11 @@ def test_user_script_is_type_checked(tmp_path):
         "om.best_fokus(sensor)\n"
         "om.best_focus(3)\n"
     )
-    told, _, _ = api.run(
+    output, _, _ = api.run(
         [str(script), "--cache-dir", str(tmp_path / "cache"), "--no-error-summary"]
     )
-    lines = told.splitlines()
-    assert 'Revealed type is "float"' in told.replace("builtins.", "")
-    assert len([line for line in lines if ": error:" in line]) == 2, told
-    assert 'script.py:4: error: Module has no attribute "best_fokus"' in told
-    assert "script.py:5: error: Argument 1" in told
+    lines = output.splitlines()
+    assert 'Revealed type is "float"' in output.replace("builtins.", "")
+    assert len([line for line in lines if ": error:" in line]) == 2, output
+    assert 'script.py:4: error: Module has no attribute "best_fokus"' in output
+    assert "script.py:5: error: Argument 1" in output

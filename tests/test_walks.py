@@ -22,7 +22,7 @@ from omnimirror.optics.image_sensor import Imager
 from tests.everyday import few
 
 PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
-MOST_ROOMS, MOST_RETURNS = 7, 2
+MAX_PACKAGES, MAX_RETURNS = 7, 2
 
 REQUIREMENTS = """
 [field]
@@ -56,15 +56,15 @@ def walks() -> dict[str, list[str]]:
 
 def counts() -> dict[str, int]:
     """Return the documented number of modules of each walk."""
-    sentence = PAGE.read_text().split("In the order of the table it is ")[1].split(".\n")[0]
-    return dict(zip(walks(), map(int, re.findall(r"\d+", sentence)), strict=True))
+    counts_text = PAGE.read_text().split("In the order of the table it is ")[1].split(".\n")[0]
+    return dict(zip(walks(), map(int, re.findall(r"\d+", counts_text)), strict=True))
 
 
 def sensor_file_to_table() -> None:
     from omnimirror.apps.cli import app
 
-    run = CliRunner().invoke(app, ["evaluate", "paper-spherical", "--omega-deg", "0:135:45"])
-    assert run.exit_code == 0, run.output
+    result = CliRunner().invoke(app, ["evaluate", "paper-spherical", "--omega-deg", "0:135:45"])
+    assert result.exit_code == 0, result.output
 
 
 def image_to_view() -> None:
@@ -102,11 +102,11 @@ def slider_to_plot() -> None:
     )
 
 
-def command(*words: object) -> None:
+def command(*arguments: object) -> None:
     from omnimirror.apps.cli import app
 
-    run = CliRunner().invoke(app, [str(word) for word in words])
-    assert run.exit_code == 0, run.output
+    result = CliRunner().invoke(app, [str(word) for word in arguments])
+    assert result.exit_code == 0, result.output
 
 
 def board_images() -> None:
@@ -187,7 +187,7 @@ def sensor_to_step() -> None:
     command("export", "paper-spherical", "-o", "workshop", "--formats", "step")
 
 
-WAYS: dict[str, Callable[[], None]] = {
+FUNCTIONS: dict[str, Callable[[], None]] = {
     "sensor file to table": sensor_file_to_table,
     "image to view": image_to_view,
     "requirements to sensor": requirements_to_sensor,
@@ -222,7 +222,7 @@ def forget() -> None:
                     member.cache_clear()
 
 
-def entered(way: Callable[[], None]) -> list[str]:
+def entered(walk: Callable[[], None]) -> list[str]:
     """Return the modules of the package in the order of their calls, without immediate repetitions."""
     forget()
     order: list[str] = []
@@ -237,25 +237,25 @@ def entered(way: Callable[[], None]) -> list[str]:
     threading.setprofile(note)
     sys.setprofile(note)
     try:
-        way()
+        walk()
     finally:
         sys.setprofile(None)
         threading.setprofile(None)
     return order
 
 
-def led(order: list[str], files: list[str]) -> list[str]:
-    """Return the listed files that are visited in this order."""
+def visited(order: list[str], files: list[str]) -> list[str]:
+    """Return the listed modules that are called in this order."""
     calls = iter(order)
     return [module for module in files if module in calls]
 
 
 def test_every_walk_is_executed():
-    assert walks().keys() == WAYS.keys()
+    assert walks().keys() == FUNCTIONS.keys()
 
 
 @pytest.mark.parametrize(
-    "name", few(WAYS, *list(WAYS)[:3], "slider to plot", "tolerances to yield")
+    "name", few(FUNCTIONS, *list(FUNCTIONS)[:3], "slider to plot", "tolerances to yield")
 )
 def test_walk_uses_documented_modules(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -263,15 +263,15 @@ def test_walk_uses_documented_modules(name, tmp_path, monkeypatch):
     for module in files:
         import_module(f"omnimirror.{module}")
     INPUTS.get(name, lambda: None)()
-    WAYS[name]()  # a preceding test may do this
-    order = entered(WAYS[name])
-    assert led(order, files) == files
+    FUNCTIONS[name]()  # fills caches and imports, as a preceding test may do
+    order = entered(FUNCTIONS[name])
+    assert visited(order, files) == files
     assert len(modules_of(order)) <= counts()[name]
 
 
-@pytest.mark.parametrize("name", WAYS)
+@pytest.mark.parametrize("name", FUNCTIONS)
 def test_walk_uses_limited_number_of_modules(name):
     rooms = [module.rpartition(".")[0] for module in walks()[name]]
     stays = [room for before, room in zip([None, *rooms], rooms, strict=False) if room != before]
-    assert len(set(stays)) <= MOST_ROOMS
-    assert len(stays) - len(set(stays)) <= MOST_RETURNS
+    assert len(set(stays)) <= MAX_PACKAGES
+    assert len(stays) - len(set(stays)) <= MAX_RETURNS

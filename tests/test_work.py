@@ -1,4 +1,4 @@
-"""Cost of calls in counted evaluations, mirrors and bytes, which are independent of the machine,
+"""Cost of calls in call_counts evaluations, mirrors and bytes, which are independent of the machine,
 unlike times."""
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from omnimirror.simulation.rendering import render_light
 
 
 @pytest.fixture
-def counted(monkeypatch):
+def call_counts(monkeypatch):
     """Count calls of methods by name."""
     counts: Counter[str] = Counter()
 
@@ -52,29 +52,29 @@ def most_bytes(allowed: float):
     tracemalloc.start()
     try:
         yield
-        held = tracemalloc.get_traced_memory()[1]
+        peak_bytes = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert held <= allowed, f"{held:,} bytes at once, {allowed:,.0f} are enough"
+    assert peak_bytes <= allowed, f"peak of {peak_bytes:,} bytes exceeds {allowed:,.0f} bytes"
 
 
 @pytest.mark.parametrize("name", ["paper-spherical", "paper-hyperboloidal", "paper-equidistant"])
-def test_best_focus_traces_rays_twice(counted, name):
+def test_best_focus_traces_rays_twice(call_counts, name):
     """Once to approximate the mirror points for a single Newton step, and once at these points."""
     sensor = om.load_sensor(name)
     om.best_focus(sensor)  # fills the table cache
-    counted.calls_of(Meridian, "_rays")
-    counted.calls_of(FocusFunction, "__call__")
+    call_counts.calls_of(Meridian, "_rays")
+    call_counts.calls_of(FocusFunction, "__call__")
     om.best_focus(sensor)
-    assert counted["_rays"] <= 2
-    assert counted["__call__"] <= 25  # the initial scan is one call
+    assert call_counts["_rays"] <= 2
+    assert call_counts["__call__"] <= 25  # the initial scan is one call
 
 
-def test_field_of_image_traces_only_boundary_rays(counted):
-    counted.calls_of(om.Sensor, "backproject")
-    counted.calls_of(om.Sensor, "project_directions")
+def test_field_of_image_traces_only_boundary_rays(call_counts):
+    call_counts.calls_of(om.Sensor, "backproject")
+    call_counts.calls_of(om.Sensor, "project_directions")
     om.views.panorama(om.load_sensor("paper-spherical"))
-    assert not counted
+    assert not call_counts
 
 
 @pytest.mark.skipif(not backend.is_compiled, reason="not built")
@@ -89,10 +89,10 @@ def test_design_batch_memory_is_that_of_its_columns():
 def test_dewarper_with_given_output_allocates_no_image():
     sensor = om.load_sensor("paper-spherical")
     dewarp = om.Dewarper(sensor, om.screens.Plane((640, 480), tilt_deg=-20))
-    picture = np.zeros((1024, 1024, 3), np.uint8)
-    out = dewarp(picture)
+    image = np.zeros((1024, 1024, 3), np.uint8)
+    out = dewarp(image)
     with most_bytes(out.nbytes / 4):
-        dewarp(picture, out=out)
+        dewarp(image, out=out)
 
 
 def test_field_is_found_without_full_map():
@@ -101,9 +101,9 @@ def test_field_is_found_without_full_map():
     inside = np.isfinite(dewarp.coordinates()[..., 0])
     dewarp(np.zeros((1024, 1024), np.uint8))  # prepares the map
     with most_bytes(1024 * 1024 + 1.1 * inside.nbytes):
-        found = dewarp.valid
-    np.testing.assert_array_equal(found, inside)
-    assert 0.3 < found.mean() < 0.9
+        valid = dewarp.valid
+    np.testing.assert_array_equal(valid, inside)
+    assert 0.3 < valid.mean() < 0.9
 
 
 @pytest.mark.parametrize(
@@ -145,32 +145,32 @@ def test_noisy_rendering_allocates_no_full_radiance_image():
     imager = replace(sensor.imager, width_px=2048, height_px=2048, pixel_pitch_um=2.6)
     detector = om.Detector(full_well_e=1e4, read_noise_e=4.0)
 
-    def taken(camera: om.Sensor):
+    def render_counts(camera: om.Sensor):
         readout = Readout(detector, seed=1)
         return readout.digital_values(
             render_light(camera, om.Room(texel_mm=40.0), readout.conversion, samples=1, workers=2)
         )
 
-    taken(sensor)  # one-time preparation
+    render_counts(sensor)  # one-time preparation
     with most_bytes(3.5 * 3 * 2048**2):
-        taken(replace(sensor, imager=imager))
+        render_counts(replace(sensor, imager=imager))
 
 
 def test_edge_detection_allocates_no_full_gradient_image():
     """2 bytes per pixel and gradient, 1 byte of flags, and a band of temporary data, instead of 41
     bytes for the whole image."""
-    picture = np.zeros((6000, 2000), np.uint8)
-    picture[:, 700:] = 200
-    with most_bytes(14 * picture.size):
-        edge_chains(picture)
+    image = np.zeros((6000, 2000), np.uint8)
+    image[:, 700:] = 200
+    with most_bytes(14 * image.size):
+        edge_chains(image)
 
 
-def test_dome_coverage_is_traced_to_rim_only_at_solution(counted):
-    """The surface is not checked for intermediate iterates, which took most of the time."""
+def test_dome_coverage_is_traced_to_rim_only_at_solution(call_counts):
+    """The surface is not checked for intermediate iterates, which would take most of the time."""
     rim = RimRay(120.0, 12.0, 30.0)
     exact = TabulatedMapping.from_function(lambda omega: omega, 120.0, 12.0, 30.0)
     around = LensAndCover(Perspective(1.0, 1.0, 10.0), Housing(shell=Dome(material="acrylic")))
-    counted.calls_of(Mirror, "_check")
-    found = around.made_for_mapping(exact, rim).mirror
-    assert found is not exact
-    assert counted["_check"] == 1
+    call_counts.calls_of(Mirror, "_check")
+    mirror = around.made_for_mapping(exact, rim).mirror
+    assert mirror is not exact
+    assert call_counts["_check"] == 1

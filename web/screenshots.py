@@ -1,8 +1,8 @@
-"""Pictures of the studio for its documentation, taken in a headless Chromium: docs/images/studio-*.webp.
+"""Capture screenshots of the studio in headless Chromium: docs/images/studio-*.webp.
 
     python web/screenshots.py
 
-Each sheet holds one view of the page in light and in dark, or all kinds of views in one of them.
+Each image contains one view of the page in both colour schemes, or all view modes in one scheme.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 SCHEMES = ("light", "dark")
 LAPTOP, PHONE, LARGE = (1280, 800), (360, 780), (3840, 2160)
 GAP = 12
-LARGEST = 200_000  # bytes
+MAX_BYTES = 200_000  # bytes
 
 MODES = {
     "panorama": "mode=panorama",
@@ -39,9 +39,9 @@ MODES = {
 
 @contextmanager
 def served() -> Iterator[str]:
-    """The address of a studio of its own."""
-    words = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
+    """Start a studio, yield its address, and terminate it."""
+    command = [sys.executable, "-m", "omnimirror", "studio", "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         try:
             yield re.search(r"http://\S+", server.stdout.readline())[0]
         finally:
@@ -55,55 +55,55 @@ def shot(
     size: tuple[int, int],
     act: Callable[[Page], None] = lambda page: None,
 ) -> Image.Image:
-    """The page at an address, once it has drawn what it shows and something was done to it."""
+    """Return a screenshot of the page at an address after loading and an action."""
     context = browser.new_context(
         viewport=dict(zip(("width", "height"), size, strict=True)),
         color_scheme=scheme,
         bypass_csp=True,
     )
     page = context.new_page()
-    page.set_default_timeout(300_000)  # a busy machine takes its time
+    page.set_default_timeout(300_000)  # for busy machines
     page.goto(address)
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
     if "source=room" in address:
         page.wait_for_function("window.omnimirror.look.feed")
     act(page)
     page.wait_for_timeout(600)
-    picture = Image.open(io.BytesIO(page.screenshot(full_page=size == PHONE))).convert("RGB")
+    image = Image.open(io.BytesIO(page.screenshot(full_page=size == PHONE))).convert("RGB")
     context.close()
-    return picture
+    return image
 
 
 def fit_the_circle(page: Page) -> None:
     page.get_by_role("button", name="Fit circle").click()
 
 
-def sheet(pictures: list[Image.Image], columns: int, width: int) -> Image.Image:
-    """Pictures beside and under each other, each so wide."""
+def sheet(images: list[Image.Image], columns: int, width: int) -> Image.Image:
+    """Return images of equal width (px) in rows with a number of columns."""
     scaled = [
         p.resize((width, round(p.height * width / p.width)), Image.Resampling.LANCZOS)
-        for p in pictures
+        for p in images
     ]
     height = max(p.height for p in scaled)
     rows = -(-len(scaled) // columns)
-    whole = Image.new(
+    contact_sheet = Image.new(
         "RGB", (columns * (width + GAP) - GAP, rows * (height + GAP) - GAP), (128, 128, 128)
     )
-    for i, picture in enumerate(scaled):
-        whole.paste(picture, (i % columns * (width + GAP), i // columns * (height + GAP)))
-    return whole
+    for i, image in enumerate(scaled):
+        contact_sheet.paste(image, (i % columns * (width + GAP), i // columns * (height + GAP)))
+    return contact_sheet
 
 
-def save(picture: Image.Image, name: str, folder: Path) -> None:
-    """As WebP, as good as its size allows."""
+def save(image: Image.Image, name: str, folder: Path) -> None:
+    """Write an image as WebP with the highest quality below the maximum file size."""
     for quality in (88, 80, 70, 60, 50):
         data = io.BytesIO()
-        picture.save(data, "WEBP", quality=quality, method=6)
-        if data.tell() < LARGEST:
+        image.save(data, "WEBP", quality=quality, method=6)
+        if data.tell() < MAX_BYTES:
             break
     (folder / f"studio-{name}.webp").write_bytes(data.getvalue())
     print(
-        f"studio-{name}.webp: {picture.width} x {picture.height} px, {data.tell() // 1000} kB, quality {quality}"
+        f"studio-{name}.webp: {image.width} x {image.height} px, {data.tell() // 1000} kB, quality {quality}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Take the pictures of the design bench that the docs show: a design in light, in dark and in space; its tolerances.
+"""Capture screenshots of the tab Design for the documentation: two colour schemes, 3-D view, tolerances.
 
 python web/screenshots_bench.py --out docs/images
 """
@@ -35,7 +35,7 @@ AT_REST = """() => {
 
 
 def compare_two(page: Any) -> None:
-    """Pin the paper's sphere, make the exact equidistant mirror, ask two things of it, and read at 75 degrees."""
+    """Compare the pinned paper-spherical sensor with an equidistant mirror, two requirements, cursor at 75 deg."""
     page.get_by_role("button", name="Pin", exact=True).click()
     page.get_by_label("Type of mirror").select_option("equidistant")
     page.wait_for_function(
@@ -58,7 +58,7 @@ def compare_two(page: Any) -> None:
 
 
 def try_errors(page: Any) -> None:
-    """Put the mirror out of its place, with what a calibration of its pose leaves beside it."""
+    """Misalign the mirror and display the residual errors after calibration of its pose."""
     page.get_by_role("button", name="Set errors").click()
     page.wait_for_function(AT_REST)
     for name, value in VALUES.items():
@@ -72,7 +72,7 @@ def try_errors(page: Any) -> None:
 
 
 def look_in_space(page: Any) -> None:
-    """Put a dome over the paper's sphere, and read a ray of it."""
+    """Load the paper-spherical sensor with a dome and select a ray in the 3-D view."""
     housing = Housing(CameraBody(50.0), Rod(4.0), Dome(), Rim(3.0))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "sphere-in-dome.toml"
@@ -90,19 +90,19 @@ def look_in_space(page: Any) -> None:
     page.wait_for_timeout(SETTLING_MS)
 
 
-PICTURES = {
+SCREENSHOTS = {
     "studio-design-light": (compare_two, "light", 1120),
     "studio-design-dark": (compare_two, "dark", 1120),
     "studio-space-light": (look_in_space, "light", 800),
     "studio-tolerances-light": (try_errors, "light", 1000),
 }
-"""What is done to the bench, in which colours, and how high (px) the window is."""
+"""Actions before the screenshot, colour scheme, and height of the window (px)."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs/images"))
-    parser.add_argument("--only", choices=PICTURES, nargs="+", default=list(PICTURES))
+    parser.add_argument("--only", choices=SCREENSHOTS, nargs="+", default=list(SCREENSHOTS))
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     server = uvicorn.Server(
@@ -120,7 +120,7 @@ def main() -> None:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         for name in args.only:
-            prepare, scheme, height = PICTURES[name]
+            prepare, scheme, height = SCREENSHOTS[name]
             size = {"width": 1280, "height": height}
             page = browser.new_context(
                 viewport=size, color_scheme=scheme, bypass_csp=True

@@ -1,4 +1,4 @@
-"""Take the picture of the tab Calibrate that the docs show: a simulated mirror calibrated, in light and in dark.
+"""Capture a screenshot of the tab Calibrate with a simulated calibration, in both colour schemes.
 
 python web/screenshots_calibrate.py
 """
@@ -22,19 +22,19 @@ from tests.apps.studio.boards import BOARD_POSES, BOARD_REQUEST, png
 SIZE = {"width": 1280, "height": 1640}
 
 
-def pictures(folder: Path) -> list[Path]:
-    """Photographs of a board all around a mirror."""
+def board_images(folder: Path) -> list[Path]:
+    """Write simulated images of a board around a mirror; return their paths."""
     paths = [folder / f"view {i + 1}.png" for i in range(len(BOARD_POSES))]
     for i, path in enumerate(paths):
         path.write_bytes(png(i))
     return paths
 
 
-def calibrated(browser: Browser, address: str, paths: list[Path], scheme: str) -> bytes:
-    """The tab once a camera is found and a picture chosen."""
+def screenshot(browser: Browser, address: str, paths: list[Path], scheme: str) -> bytes:
+    """Return a screenshot of the tab with a calibrated camera and a selected image."""
     context = browser.new_context(viewport=SIZE, color_scheme=scheme, bypass_csp=True)
     page = context.new_page()
-    page.set_default_timeout(300_000)  # a busy machine takes its time
+    page.set_default_timeout(300_000)  # for busy machines
     page.goto(f"{address}#tab=calibrate")
     for name, value in (
         ("Columns", BOARD_REQUEST["columns"]),
@@ -66,11 +66,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=IMAGES)
     folder = parser.parse_args().out
     executable = shutil.which("chromium") or shutil.which("chromium-headless-shell")
-    with TemporaryDirectory() as pictures_in, served() as address, sync_playwright() as playwright:
+    with TemporaryDirectory() as image_folder, served() as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
-        paths = pictures(Path(pictures_in))
+        paths = board_images(Path(image_folder))
         shots = [
-            Image.open(io.BytesIO(calibrated(browser, address, paths, s))).convert("RGB")
+            Image.open(io.BytesIO(screenshot(browser, address, paths, s))).convert("RGB")
             for s in SCHEMES
         ]
         save(sheet(shots, 2, 800), "calibrate", folder)

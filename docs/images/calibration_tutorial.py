@@ -3,7 +3,7 @@ maps of true errors.
 
 python docs/images/calibration_tutorial.py [FOLDER]
 
-A named folder is kept, and its existing image sets and cameras are reused.
+A given folder is not deleted, and its existing image sets and cameras are reused.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def _put_together(folder: Path) -> None:
 
 
 def _rgb(file: Path) -> np.ndarray:
-    picture = read_image(file)
-    return np.dstack([picture] * 3) if picture.ndim == 2 else picture[..., :3]
+    image = read_image(file)
+    return np.dstack([image] * 3) if image.ndim == 2 else image[..., :3]
 
 
 def _run(line: str, folder: Path) -> None:
@@ -83,17 +83,17 @@ def _calibrate(folder: Path) -> None:
     if (folder / "central.toml").exists():
         return
     board = om.Board("chessboard", 11, 7, 100.0)
-    seen = om.find_boards(sorted((folder / "boards").glob("*.png")), board, several=True)
-    found = om.calibrate_camera(seen, board)
-    found.save(folder / "camera.toml")
-    om.write_calibration_figures(found, folder / "figures", kind="png")
-    om.calibrate_camera(seen, board, model="kannala-brandt", rim_radius_px=375.4).save(
+    detections = om.find_boards(sorted((folder / "boards").glob("*.png")), board, several=True)
+    calibration = om.calibrate_camera(detections, board)
+    calibration.save(folder / "camera.toml")
+    om.write_calibration_figures(calibration, folder / "figures", kind="png")
+    om.calibrate_camera(detections, board, model="kannala-brandt", rim_radius_px=375.4).save(
         folder / "central.toml"
     )
 
 
 def _draw_truth(folder: Path) -> None:
-    """Draw maps of the direction error of both cameras, for near and far objects."""
+    """Draw maps of the direction error of both cameras, for near and distant objects."""
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
 
@@ -101,33 +101,38 @@ def _draw_truth(folder: Path) -> None:
     u, v = np.meshgrid(np.arange(0.0, 800.0, 10.0), np.arange(0.0, 800.0, 10.0))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
     is_inside = np.hypot(*(pixels - [406.5, 391.9]).T) < 370.0
-    true = truth.backproject(pixels[is_inside])
+    true_rays = truth.backproject(pixels[is_inside])
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     axes = figure.subplots(1, 3)
     cases = (
-        ("central.toml", 2500.0, "one viewpoint, 2.5 m"),
-        ("central.toml", FAR_MM, "one viewpoint, far away"),
-        ("camera.toml", FAR_MM, "the mirror itself, far away"),
+        ("central.toml", 2500.0, "single viewpoint, 2.5 m"),
+        ("central.toml", FAR_MM, "single viewpoint, distant objects"),
+        ("camera.toml", FAR_MM, "mirror model, distant objects"),
     )
     for ax, (name, distance_mm, title) in zip(axes, cases, strict=True):
-        seen = om.load_camera(folder / name).backproject(pixels[is_inside])
+        camera_rays = om.load_camera(folder / name).backproject(pixels[is_inside])
 
-        def off(place, at_mm, seen=seen):
-            ways = Rotation.from_rotvec(place[:3]).apply(true.origins + at_mm * true.directions)
-            ways += 100.0 * place[3:] - seen.origins
+        def angular_errors(pose, at_mm, rays=camera_rays):
+            offsets = Rotation.from_rotvec(pose[:3]).apply(
+                true_rays.origins + at_mm * true_rays.directions
+            )
+            offsets += 100.0 * pose[3:] - rays.origins
             return np.nan_to_num(
-                np.degrees(ways / np.linalg.norm(ways, axis=1)[:, None] - seen.directions)
+                np.degrees(offsets / np.linalg.norm(offsets, axis=1)[:, None] - rays.directions)
             )
 
-        found = least_squares(lambda place, off=off: off(place, 2500.0).ravel(), np.zeros(6)).x
+        pose = least_squares(
+            lambda pose, angular_errors=angular_errors: angular_errors(pose, 2500.0).ravel(),
+            np.zeros(6),
+        ).x
         error = np.full(len(pixels), np.nan)
-        error[is_inside] = np.linalg.norm(off(found, distance_mm), axis=1)
-        shown = ax.imshow(
+        error[is_inside] = np.linalg.norm(angular_errors(pose, distance_mm), axis=1)
+        image = ax.imshow(
             error.reshape(u.shape), extent=(-5, 795, 795, -5), vmin=0, vmax=0.3, cmap="viridis"
         )
         ax.set_title(f"{title}: {np.sqrt(np.nanmean(error**2)):.3f} deg rms", fontsize=10)
         ax.set_axis_off()
-    figure.colorbar(shown, ax=axes, label="error of directions, deg", extend="max")
+    figure.colorbar(image, ax=axes, label="direction error, deg", extend="max")
     figure.savefig(folder / "truth.png", dpi=110)
 
 

@@ -32,12 +32,12 @@ def blender(python: Path, pixels: int = 480) -> None:
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     with tempfile.TemporaryDirectory() as folder:
-        script, picture = Path(folder, "camera.py"), Path(folder, "picture.exr")
+        script, image = Path(folder, "camera.py"), Path(folder, "picture.exr")
         om.write_rays(sensor, script, formats="blender")
         program = ROOT / "tests" / "interop" / "ray_tables" / "in_blender.py"
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-        subprocess.run([python, program, script, picture, "64"], check=True, env=environment)
-        theirs = om.read_image(picture)[..., :3]
+        subprocess.run([python, program, script, image, "64"], check=True, env=environment)
+        theirs = om.read_image(image)[..., :3]
     both = [srgb_bytes(light) for light in (expose(sensor, Box(), samples=16), theirs)]
     om.write_image(
         HERE / "interop-blender.jpg",
@@ -76,11 +76,11 @@ def maps(left: int = 150, top: int = 60, size: tuple[int, int] = (80, 110), time
     from tests.interop.view_maps import consumers
 
     sensor = om.load_sensor("paper-spherical")
-    picture = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
+    image = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
     view = om.screens.Plane((320, 240), pan_deg=60.0, hfov_deg=60.0)
-    ours = [om.Dewarper(sensor, view, how)(picture) for how in ("auto", "linear")]
+    ours = [om.Dewarper(sensor, view, interpolation)(image) for interpolation in ("auto", "linear")]
     with tempfile.TemporaryDirectory() as folder:
-        theirs = [program(sensor, view, picture, Path(folder)) for program in consumers.PROGRAMS]
+        theirs = [program(sensor, view, image, Path(folder)) for program in consumers.PROGRAMS]
     crops = [
         v[top : top + size[1], left : left + size[0]].repeat(times, 0).repeat(times, 1)
         for v in (*ours, *theirs)
@@ -100,11 +100,11 @@ def compositor() -> None:
     from tests.interop.view_maps.consumers import warped
 
     sensor = om.load_sensor("paper-spherical")
-    picture = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
+    image = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
     view = om.screens.Plane((640, 512), pan_deg=50.0, hfov_deg=95.0)
     with tempfile.TemporaryDirectory() as folder:
-        (done,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
-        straight = warped(oiio, picture, done.paths[0])[..., :3]
+        (exported,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
+        straight = warped(oiio, image, exported.paths[0])[..., :3]
         painted = np.ascontiguousarray(np.clip(straight, 0, 255).astype(np.uint8))
         cv2.putText(
             painted,
@@ -116,12 +116,12 @@ def compositor() -> None:
             8,
             cv2.LINE_AA,
         )
-        back = warped(oiio, painted, done.paths[1])[..., :3]
-        seen = oiio.ImageBuf(str(done.paths[1])).get_pixels("float")[..., 3]
+        back = warped(oiio, painted, exported.paths[1])[..., :3]
+        coverage = oiio.ImageBuf(str(exported.paths[1])).get_pixels("float")[..., 3]
     on = (
-        cv2.erode(seen, np.ones((5, 5)))[..., None] > 0
+        cv2.erode(coverage, np.ones((5, 5)))[..., None] > 0
     )  # the filter blends pixels outside the boundary
-    raw = np.where(on, back, picture)[:512, 60:700].clip(0, 255).astype(np.uint8)
+    raw = np.where(on, back, image)[:512, 60:700].clip(0, 255).astype(np.uint8)
     om.write_image(
         HERE / "interop-compositor.jpg",
         np.hstack([painted, np.full((512, 16, 3), 255, np.uint8), raw]),
@@ -141,18 +141,18 @@ def panorama(pixels: int = 360, width: int = 1440) -> None:
 
     sensor = small("paper-spherical", pixels, MISALIGNED)
     view = om.views.sphere(sensor, (width, None))
-    (told,) = camera_rig(sensor, size=width, panorama=True)
+    (rig_camera,) = camera_rig(sensor, size=width, panorama=True)
     columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in view.size))
-    rendered = colours(first_hits(told.position_mm, view.targets_at(columns, rows)))
+    rendered = colours(first_hits(rig_camera.position_mm, view.targets_at(columns, rows)))
     with tempfile.TemporaryDirectory() as folder:
-        (done,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
-        bent = warped(oiio, rendered, done.paths[1])[..., :3]
+        (exported,) = om.write_maps(sensor, view, Path(folder, "room.exr"), formats="stmap")
+        raw = warped(oiio, rendered, exported.paths[1])[..., :3]
     small_one = cv2.resize(
         rendered.astype(np.float32), (2 * pixels, pixels), interpolation=cv2.INTER_AREA
     )
     parts = [
         srgb_bytes(light.astype(np.float32))
-        for light in (small_one, bent, expose(sensor, Box(), samples=16))
+        for light in (small_one, raw, expose(sensor, Box(), samples=16))
     ]
     gap = np.full((pixels, 16, 3), 255, np.uint8)
     om.write_image(
@@ -201,9 +201,9 @@ def colmap() -> None:
         "-",
         color="tab:orange",
         linewidth=3,
-        label="where pictures were taken",
+        label="true camera path",
     )
-    axes.plot(path[:, 0], path[:, 1], "k.", markersize=4, label="where COLMAP places them")
+    axes.plot(path[:, 0], path[:, 1], "k.", markersize=4, label="path estimated by COLMAP")
     low, high = np.percentile(points[:, :2], [0.5, 99.5], axis=0)
     axes.set(xlabel="x, m", ylabel="y, m", aspect="equal", xlim=(low[0] - 0.5, high[0] + 0.5))
     axes.set_ylim(low[1] - 0.5, high[1] + 0.5)
@@ -221,7 +221,7 @@ def vlc(side: int = 1024) -> None:
     from tests.serving import served
 
     sensor = om.load_sensor("paper-spherical")
-    picture = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
+    image = om.render_image(sensor, om.Room(), samples=4, low_pass=True)
     view = om.NamedView("front", options={"size": (480, 272), "hfov_deg": 70.0, "pan_deg": 40.0})
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder, "room.ts")
@@ -229,17 +229,17 @@ def vlc(side: int = 1024) -> None:
             film, (side, side), 25, crf=12, options={"g": "10", "tune": "zerolatency"}
         ) as video:
             for _ in range(50):
-                video.write(frame_of_image(picture))
+                video.write(frame_of_image(image))
         gateway = Gateway(str(film), False, sensor, {"front": view}, workers=2)
         with served(create_app(gateway, None)) as address:
-            shown = shown_by_vlc(f"{address}front.ts")[:272, :480]
-    ours = om.Dewarper(sensor, view(sensor))(picture)
+            vlc_image = shown_by_vlc(f"{address}front.ts")[:272, :480]
+    ours = om.Dewarper(sensor, view(sensor))(image)
     om.write_image(
-        HERE / "interop-vlc.jpg", np.hstack([ours, np.full((272, 16, 3), 255, np.uint8), shown])
+        HERE / "interop-vlc.jpg", np.hstack([ours, np.full((272, 16, 3), 255, np.uint8), vlc_image])
     )
 
 
-KEPT = {
+WITHOUT_OPTIONS = {
     "maps": maps,
     "compositor": compositor,
     "panorama": panorama,
@@ -258,12 +258,12 @@ if __name__ == "__main__":
     options.add_argument(
         "--newton", type=Path, default=Path(sys.prefix) / "newton" / "bin" / "python"
     )
-    options.add_argument("--only", choices=("blender", "newton", *KEPT))
-    given = options.parse_args()
-    drawn = {
-        "blender": lambda: blender(given.blender),
-        "newton": lambda: newton(given.newton),
-        **KEPT,
+    options.add_argument("--only", choices=("blender", "newton", *WITHOUT_OPTIONS))
+    arguments = options.parse_args()
+    figures = {
+        "blender": lambda: blender(arguments.blender),
+        "newton": lambda: newton(arguments.newton),
+        **WITHOUT_OPTIONS,
     }
-    for name in [given.only] if given.only else drawn:
-        drawn[name]()
+    for name in [arguments.only] if arguments.only else figures:
+        figures[name]()

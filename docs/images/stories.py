@@ -19,8 +19,8 @@ import numpy as np
 from omnimirror.io import read_image, write_image
 
 IMAGES = Path(__file__).parent
-PAGE, BOUGHT = IMAGES.parent / "stories.md", IMAGES.parent / "bought.md"
-PICTURES = {
+STORIES_PAGE, BOUGHT_PAGE = IMAGES.parent / "stories.md", IMAGES.parent / "bought.md"
+IMAGE_ROWS = {
     "robot.jpg": (("robot.jpg", "robot-plan.jpg"), ("robot-drawing.png",)),
     "ceiling.jpg": (("ceiling.jpg", "ceiling-drawing.png"), ("ceiling-panorama.jpg",)),
     "panorama.jpg": (("panorama.jpg", "panorama-drawing.png"), ("panorama-dewarped.jpg",)),
@@ -39,7 +39,7 @@ def _files_of(page: Path, folder: Path) -> str:
 
 def make_bought(folder: Path) -> None:
     """Run the designs and renderings of docs/bought.md."""
-    text, program = _files_of(BOUGHT, folder), Path(sys.executable).with_name("omnimirror")
+    text, program = _files_of(BOUGHT_PAGE, folder), Path(sys.executable).with_name("omnimirror")
     for line in re.findall(
         r"^\$ omnimirror ((?:design \w+\.toml|simulate|dewarp) .*)", text, flags=re.M
     ):
@@ -50,23 +50,23 @@ def make_bought(folder: Path) -> None:
     write_image(IMAGES / "bought.jpg", np.concatenate(rows))
 
 
-def _square(picture: np.ndarray) -> np.ndarray:
+def _square(image: np.ndarray) -> np.ndarray:
     """Crop a landscape image to its central square."""
-    side = picture.shape[0]
-    left = (picture.shape[1] - side) // 2
-    return picture[:, left : left + side]
+    side = image.shape[0]
+    left = (image.shape[1] - side) // 2
+    return image[:, left : left + side]
 
 
 def make(folder: Path) -> None:
     """Run the commands in a folder and compose their output side by side."""
-    text, program = _files_of(PAGE, folder), Path(sys.executable).with_name("omnimirror")
+    text, program = _files_of(STORIES_PAGE, folder), Path(sys.executable).with_name("omnimirror")
     for block in re.findall(r"^```console\n(.*?)^```", text, flags=re.M | re.S):
         for line in re.findall(r"^\$ omnimirror (.*)", block, flags=re.M):
-            words = line.replace("--spp 1", "--spp 16").replace("zmx,csv,pdf", "png")
-            subprocess.run([program, *shlex.split(words)], cwd=folder, check=True)
+            arguments = line.replace("--spp 1", "--spp 16").replace("zmx,csv,pdf", "png")
+            subprocess.run([program, *shlex.split(arguments)], cwd=folder, check=True)
     for drawing in folder.glob("*-workshop/*[!r]-drawing.png"):  # of the sensor, not of its mirror
         drawing.rename(folder / drawing.name)
-    for name, rows in PICTURES.items():
+    for name, rows in IMAGE_ROWS.items():
         page = np.concatenate(
             [_row([read_image(folder / part)[..., :3] for part in row]) for row in rows]
         )
@@ -89,8 +89,8 @@ def _row(parts: list[np.ndarray]) -> np.ndarray:
     return row[:, :WIDTH]
 
 
-def _scaled(picture: np.ndarray, factor: float) -> np.ndarray:
-    return cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+def _scaled(image: np.ndarray, factor: float) -> np.ndarray:
+    return cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
 
 
 if __name__ == "__main__":

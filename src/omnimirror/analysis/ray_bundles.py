@@ -121,12 +121,12 @@ def unvignetted_fraction(
     a, b, c = pupil.points[corners].transpose(1, 0, 2)
     areas = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     fraction = np.ones(len(corners))
-    known = np.zeros(len(pupil.points), dtype=bool)
+    is_known = np.zeros(len(pupil.points), dtype=bool)
     for edge in clearances:
         fraction = np.minimum(fraction, _positive_fraction(edge[corners]))
-        known |= edge < 0
-    lost = ~passes & ~known  # rays that no edge blocks and that reach no imager
-    fraction = np.minimum(fraction, 1 - lost[corners].mean(axis=1))
+        is_known |= edge < 0
+    is_lost = ~passes & ~is_known  # rays that no edge blocks and that reach no imager
+    fraction = np.minimum(fraction, 1 - is_lost[corners].mean(axis=1))
     return float(fraction @ areas / areas.sum())
 
 

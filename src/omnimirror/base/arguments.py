@@ -259,11 +259,11 @@ def parse_float(text: str) -> float:
 
 
 def choice(name: str, value: Any, valid: Iterable[str]) -> None:
-    """Check that a value is one of several words."""
-    words = list(valid)
-    if not isinstance(value, str) or value not in words:
+    """Check that a value is one of several names."""
+    values = list(valid)
+    if not isinstance(value, str) or value not in values:
         raise InvalidParameter(
-            f"{name} must be one of {', '.join(w or repr(w) for w in words)}; got {format_value(value)}"
+            f"{name} must be one of {', '.join(w or repr(w) for w in values)}; got {format_value(value)}"
         )
 
 

@@ -515,8 +515,8 @@ class _Run(Generic[B]):
             return Outcome(block, None, error)
 
     def _submit_again(self, block: B, attempts: int) -> None:
-        lost = [(block, attempts), *self.submitted.values()]
+        blocks = [(block, attempts), *self.submitted.values()]
         self.submitted.clear()
         if self.workers.recover():
-            for each, count in lost:
+            for each, count in blocks:
                 self._submit(each, count)

@@ -179,7 +179,7 @@ def _shell_run(run: str, is_hidden: bool) -> str:
     return f"\"$(printf '{_octal(run)}')\"" if is_hidden else shlex.quote(run)
 
 
-def shell_command(words: Iterable[object]) -> str:
+def shell_command(arguments: Iterable[object]) -> str:
     """Return a command line for a POSIX shell.
 
     Examples
@@ -187,7 +187,7 @@ def shell_command(words: Iterable[object]) -> str:
     >>> shell_command(["omnimirror", "evaluate", "my mirror.toml"])
     "omnimirror evaluate 'my mirror.toml'"
     """
-    return " ".join(shell_word(str(word)) for word in words)
+    return " ".join(shell_word(str(word)) for word in arguments)
 
 
 def gstreamer_comment(text: str) -> str:

@@ -433,8 +433,8 @@ def _size_limit(max_bytes: int, size: int | None = None) -> str:
     ('at most 64 MB; got 100 MB; reduce or split it', 'at most 1000 bytes; reduce or split it')
     """
     unit, name = (1 << 20, "MB") if max_bytes >= 1 << 20 else (1, "bytes")
-    got = "" if size is None else f"; got {-(-size // unit)} {name}"
-    return f"at most {max_bytes // unit} {name}{got}; reduce or split it"
+    size_text = "" if size is None else f"; got {-(-size // unit)} {name}"
+    return f"at most {max_bytes // unit} {name}{size_text}; reduce or split it"
 
 
 # -- Parsing --------------------------------------------------------------------------------------

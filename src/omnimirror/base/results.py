@@ -182,10 +182,10 @@ def _repr(self: Any) -> str:
     parts = [f"{name}={text}" for name, text in _facts(self).items()]
     head = f"{type(self).__name__}("
     lines = _filled(head, parts)
-    shown = len(parts)
+    count = len(parts)
     while len(lines) > MAX_LINES:
-        shown -= 1
-        lines = _filled(head, [*parts[:shown], f"... {len(parts) - shown} more"])
+        count -= 1
+        lines = _filled(head, [*parts[:count], f"... {len(parts) - count} more"])
     return "\n".join(lines)
 
 

@@ -238,14 +238,14 @@ def edge_chains(
     min_length = max(MIN_LENGTH * radius, 12.0) if min_length_px is None else min_length_px
     is_edge, points = _traced_edges(levels)
     rows, columns = np.nonzero(is_edge)
-    places = rows * width + columns
+    indices = rows * width + columns
     distances = np.hypot(columns - u, rows - v)
     outside = (distances > radius - EDGE_PX) | (distances < inner_radius_px + EDGE_PX)
     is_edge[rows[outside], columns[outside]] = False
     chains: list[Array] = []
     for path in _paths(is_edge):
         for piece in _between_corners(
-            points[np.searchsorted(places, path[:, 0] * width + path[:, 1])]
+            points[np.searchsorted(indices, path[:, 0] * width + path[:, 1])]
         ):
             chains += _smooth_parts(piece, min_length)
     return sorted((_thinned(chain) for chain in chains), key=len, reverse=True)

@@ -55,10 +55,10 @@ def parameter_location(sensor: Sensor, name: str) -> ParameterLocation:
     ParameterLocation(section='imager', key='centre_px', item=1)
     """
     match = NAME_PATTERN.fullmatch(name)
-    known = list(parameter_names(sensor))
-    if match is None or name not in known:
+    names = list(parameter_names(sensor))
+    if match is None or name not in names:
         raise InvalidParameter(
-            f"parameters of {sensor.name!r} must be among {', '.join(known)}; got {format_value(name)}"
+            f"parameters of {sensor.name!r} must be among {', '.join(names)}; got {format_value(name)}"
         )
     section, key, index = match.groups()
     return ParameterLocation(section, key, None if index is None else int(index))

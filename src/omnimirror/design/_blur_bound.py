@@ -196,11 +196,11 @@ class _UnderPerspective:
             self.scale(np.cos(self.theta) * np.sin(self.theta) / self.rim),
         )
         W = np.sin(self.omega_max) / np.sin(self.theta) + self.near / v
-        place = v / np.cos(self.theta) * (W - 1) / W
-        D = place
+        position = v / np.cos(self.theta) * (W - 1) / W
+        D = position
         for _ in range(8):  # k depends weakly on the focus, in the exact form not at all
             # S = k cos(theta) (D W' - B (W' - 1)) = t at the rim, solved for D.
-            D = place + t / (k * np.cos(self.theta) * W)
+            D = position + t / (k * np.cos(self.theta) * W)
             k = self.scale(D)
         return float(D)
 

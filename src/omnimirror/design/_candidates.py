@@ -123,8 +123,8 @@ def _kept_built(
         mounted = around.made_for_rim(lambda inside: _kept(plain, inside, omega_min_deg), rim)
     if mirror.fit is None or not fitted:
         return mounted
-    place = around.mounted(MountedMirror(mounted.mirror, 0.0), rim.theta_max_deg).distance_mm
-    as_pinhole = MountedMirror(mounted.mirror, mounted.distance_mm - place, mounted.notes)
+    distance_mm = around.mounted(MountedMirror(mounted.mirror, 0.0), rim.theta_max_deg).distance_mm
+    as_pinhole = MountedMirror(mounted.mirror, mounted.distance_mm - distance_mm, mounted.notes)
     return around.mounted(fit_mirror(as_pinhole, mirror.fit).mounted, rim.theta_max_deg)
 
 

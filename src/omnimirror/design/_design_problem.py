@@ -402,8 +402,8 @@ class DesignSpace:
         low[: max(self.family.terms - 1, 0)] = 0.0
         focus = (-30.0, 30.0) if self.problem.is_telecentric else (0.05, 3.0)
         if isinstance(requested := self.problem.focus_mm, tuple):
-            places = sorted(self._place(mm) / self._focus_unit for mm in requested)
-            focus = places[0], places[1]
+            positions = sorted(self._place(mm) / self._focus_unit for mm in requested)
+            focus = positions[0], positions[1]
         for name, ends_of in (
             ("curvature", (1e-3, 10.0)),
             ("conic", (-20.0, 20.0)),
@@ -504,8 +504,8 @@ class DesignSpace:
         """Return the axial distance from the lens to the rim, mm; infinite if telecentric."""
         if self.problem.is_telecentric:
             return np.full(g.M.shape, np.inf)
-        place = 0.0 if self.tables is None else self.tables.at(g.tangent).pupil_position
-        reach: Array = g.M / g.tangent + place
+        pupil_position = 0.0 if self.tables is None else self.tables.at(g.tangent).pupil_position
+        reach: Array = g.M / g.tangent + pupil_position
         return reach
 
     @cached_property
@@ -519,12 +519,12 @@ class DesignSpace:
         another outer medium, which has no field near the axis.
         """
         shell = self.problem.housing.shell
-        left = (
+        is_left_out = (
             shell is None
             or not shell.is_axial
             or (isinstance(shell, Tube) and shell.outer_index != 1.0)
         )
-        return Housing() if left else Housing(shell=shell, rim=self.problem.housing.rim)
+        return Housing() if is_left_out else Housing(shell=shell, rim=self.problem.housing.rim)
 
     def _given_telecentric(self, y: Array, omega_max: Array, M: Array, F: Array) -> Given:
         fixed = self._fixed(y, M)
@@ -810,11 +810,11 @@ class DesignSpace:
             ROUNDS if self.problem.theta_max_deg is None else 1
         ):  # theta may depend on the focus
             g = self.given(y)
-            place = self._place(focus_mm)
+            position = self._place(focus_mm)
             y[:, i] = (
-                place / g.M[:, 0]
+                position / g.M[:, 0]
                 if self.problem.is_telecentric
-                else (g.M / g.tangent)[:, 0] * place
+                else (g.M / g.tangent)[:, 0] * position
             )
         return y
 

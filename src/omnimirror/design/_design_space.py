@@ -115,7 +115,7 @@ MARGINS = (
 
 
 def meet_other_requirements(
-    space: Space, point: Point, verdict: Verdict, on_progress: OnProgress = lambda words: None
+    space: Space, point: Point, verdict: Verdict, on_progress: OnProgress = lambda message: None
 ) -> list[Point]:
     """Return points that violate only infeasible requirements by minimal amounts, best first.
 

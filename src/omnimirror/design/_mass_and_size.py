@@ -110,13 +110,13 @@ def body_mass_g(sensor: Sensor) -> float:
 
 def mass_g(sensor: Sensor, parts: tuple[Component, ...]) -> float | None:
     """Return the mass of mirror (or mirror ball) and parts; None if a mass is unknown."""
-    known = [part.mass_g for part in parts]
-    if any(mass is None for mass in known):
+    masses_g = [part.mass_g for part in parts]
+    if any(mass is None for mass in masses_g):
         return None
     mirror_g = (
         0.0 if any(isinstance(part, BallComponent) for part in parts) else body_mass_g(sensor)
     )
-    return mirror_g + sum(mass or 0.0 for mass in known)
+    return mirror_g + sum(mass or 0.0 for mass in masses_g)
 
 
 def price(parts: tuple[Component, ...]) -> float | None:

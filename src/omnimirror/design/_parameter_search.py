@@ -185,8 +185,11 @@ class ParameterSpace:
         if "focus" in self.names:
             ends_of = vergences_of(self.near.lens)
             if (requested := ends_or_none(self.requirements.lens.focus_mm)) is not None:
-                places = sorted(self._place(v) for v in requested)
-                ends_of = float(np.clip(places[0], *ends_of)), float(np.clip(places[1], *ends_of))
+                positions = sorted(self._place(v) for v in requested)
+                ends_of = (
+                    float(np.clip(positions[0], *ends_of)),
+                    float(np.clip(positions[1], *ends_of)),
+                )
             low, high = [*low, ends_of[0] / self._unit], [*high, ends_of[1] / self._unit]
         return np.array(low), np.array(high)
 
@@ -335,12 +338,12 @@ class ParameterSpace:
         return {key: float(fitted[key].max() - rows.max()) for key, rows in plain.items()}
 
     def _followed(self, y: Array, slack: Slack, added: dict[Key, float]) -> MinimaxResult:
-        known = dict[bytes, ObjectiveValues]()  # derivatives are computed at points of known values
+        cache = dict[bytes, ObjectiveValues]()  # derivatives are computed at points of known values
 
         def values(y: Array) -> ObjectiveValues:
-            if (key := y.tobytes()) not in known:
-                known[key] = computed(y)
-            return known[key]
+            if (key := y.tobytes()) not in cache:
+                cache[key] = computed(y)
+            return cache[key]
 
         def computed(y: Array) -> ObjectiveValues:
             try:
@@ -565,16 +568,22 @@ class RangeSearch:
             candidate for settled in begin if (candidate := self._tried(settled)) is not None
         )
         # Fits take several times longer than the mirrors themselves: only the starts are fitted.
-        places = (unfitted(settled) for settled in [middle, *self._grid(middle)])
-        rest = [candidate for settled in places if (candidate := self._tried(settled)) is not None]
+        candidates = (unfitted(settled) for settled in [middle, *self._grid(middle)])
+        rest = [
+            candidate for settled in candidates if (candidate := self._tried(settled)) is not None
+        ]
         rest.sort(key=lambda c: c.cost)
-        left = [self._place(c) for c in rest]
-        taken = list[NDArray[np.float64]]()
+        remaining = [self._place(c) for c in rest]
+        selected = list[NDArray[np.float64]]()
         for i in range(min(STARTS, len(rest))):
             at = 0
-            if i % 2 and taken:
-                at = int(np.argmax([min(float(np.abs(p - t).max()) for t in taken) for p in left]))
-            taken.append(left.pop(at))
+            if i % 2 and selected:
+                at = int(
+                    np.argmax(
+                        [min(float(np.abs(p - t).max()) for t in selected) for p in remaining]
+                    )
+                )
+            selected.append(remaining.pop(at))
             if (start := self._fitted(rest.pop(at))) is not None:
                 yield start
 
@@ -597,11 +606,11 @@ class RangeSearch:
         best, spans = start, np.array([*self.free.values()])
         settled = start.made.settled.changed(focus_mm=self.requirements.lens.focus_mm)
 
-        def cost(place: NDArray[np.float64]) -> float:
+        def cost(position: NDArray[np.float64]) -> float:
             nonlocal best
             if best.cost <= 0:
                 return INFEASIBLE
-            numbers = spans[:, 0] + np.clip(place, 0.0, 1.0) * (spans[:, 1] - spans[:, 0])
+            numbers = spans[:, 0] + np.clip(position, 0.0, 1.0) * (spans[:, 1] - spans[:, 0])
             candidate = self._tried(
                 settled.changed(**dict(zip(self.free, numbers.tolist(), strict=True)))
             )
@@ -610,22 +619,22 @@ class RangeSearch:
             best = min(best, candidate, key=lambda c: c.cost)
             return candidate.cost
 
-        place = self._place(start)
+        origin = self._place(start)
         corners = [
-            place,
+            origin,
             *(
-                place + np.where(place < 0.5, SIMPLEX, -SIMPLEX) * unit
-                for unit in np.eye(place.size)
+                origin + np.where(origin < 0.5, SIMPLEX, -SIMPLEX) * unit
+                for unit in np.eye(origin.size)
             ),
         ]
         options = {
             "initial_simplex": np.array(corners),
-            "maxfev": SIMPLEX_STEPS * place.size,
+            "maxfev": SIMPLEX_STEPS * origin.size,
             "xatol": 1e-6,
             "fatol": 1e-7,
         }
         minimize(
-            cost, place, method="Nelder-Mead", bounds=[(0.0, 1.0)] * place.size, options=options
+            cost, origin, method="Nelder-Mead", bounds=[(0.0, 1.0)] * origin.size, options=options
         )
         return best
 
@@ -685,7 +694,7 @@ class RangeSearch:
 
 
 def solve(
-    requirements: Requirements, on_progress: OnProgress = lambda words: None
+    requirements: Requirements, on_progress: OnProgress = lambda message: None
 ) -> tuple[ParameterSpace, BestDesign]:
     """Return the best candidate and its design space.
 

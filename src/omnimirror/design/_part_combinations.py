@@ -92,10 +92,10 @@ def _cheapest(catalogue: Catalogue, use: str) -> ExtraComponent:
     """Return the cheapest part for a use; those of unknown price are last."""
     there = [part for part in catalogue.extras if part.use == use]
     if not there:
-        known = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
+        uses = ", ".join(dict.fromkeys(part.use for part in catalogue.extras)) or "nothing"
         raise InvalidParameter(
             f"the catalogue must contain an extra part with the use {format_value(use)} "
-            f"for parts.extras; it has {known}"
+            f"for parts.extras; it has {uses}"
         )
     return min(there, key=lambda part: (part.price is None, part.price or 0.0))
 

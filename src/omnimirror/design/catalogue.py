@@ -288,12 +288,12 @@ def read_catalogue(*paths: str | Path) -> Catalogue:
     parts: list[Component] = []
     names: dict[tuple[str, str], str] = {}
     for path in paths or (TYPICAL,):
-        for place, part in _read(BUNDLED if str(path) == TYPICAL else Path(path)):
+        for location, part in _read(BUNDLED if str(path) == TYPICAL else Path(path)):
             if before := names.get((part.KIND, part.name)):
                 raise OmnimirrorError(
-                    f"{place}: names must be unique; the {part.KIND} {format_value(part.name)} is also in {before}"
+                    f"{location}: names must be unique; the {part.KIND} {format_value(part.name)} is also in {before}"
                 )
-            names[part.KIND, part.name] = place
+            names[part.KIND, part.name] = location
             parts.append(part)
     lenses = tuple(p for p in parts if isinstance(p, LensComponent | TelecentricComponent))
     imagers = tuple(p for p in parts if isinstance(p, ImagerComponent))
@@ -338,39 +338,42 @@ def _read(path: Path) -> Iterable[tuple[str, Component]]:
         if kind not in KINDS or not isinstance(entries, list):
             raise OmnimirrorError(f"{path}: tables must be {TABLES}; got {kind}")
         for number, entry in enumerate(entries, start=1):
-            place = f"{path}, {kind} {number}"
+            location = f"{path}, {kind} {number}"
             if not isinstance(entry, dict):
                 raise OmnimirrorError(f"{path}: {kind} {number} must be a table, one of {TABLES}")
-            part = _part(place, "", _with_file(place, entry, path.parent), KINDS[kind][0])
+            part = _part(location, "", _with_file(location, entry, path.parent), KINDS[kind][0])
             if not isinstance(part, KINDS[kind]):
                 raise OmnimirrorError(
-                    f"{place} has the entries of a {part.KIND}; move it to a table [[{part.KIND}]]"
+                    f"{location} has the entries of a {part.KIND}; move it to a table [[{part.KIND}]]"
                 )
-            yield place, part
+            yield location, part
 
 
 def _read_csv(path: Path, text: str) -> Iterable[tuple[str, Component]]:
     rows = csv.reader(io.StringIO(text))
     header = [cell.strip() for cell in next(rows, [])]
-    known = sorted({f.name for classes in KINDS.values() for cls in classes for f in fields(cls)})
-    if unknown := [name for name in header if name not in known]:
-        hint = did_you_mean(unknown[0], known)
+    names = sorted({f.name for classes in KINDS.values() for cls in classes for f in fields(cls)})
+    if unknown := [name for name in header if name not in names]:
+        hint = did_you_mean(unknown[0], names)
         raise OmnimirrorError(
-            f"{path} line 1: unknown column {format_value(unknown[0])}{hint}; use {', '.join(known)}"
+            f"{path} line 1: unknown column {format_value(unknown[0])}{hint}; use {', '.join(names)}"
         )
     if twice := [name for i, name in enumerate(header) if name in header[:i]]:
         raise OmnimirrorError(f"{path} line 1: columns must be unique; {twice[0]} is repeated")
     for cells in rows:
-        place = f"{path} line {rows.line_num}"
+        location = f"{path} line {rows.line_num}"
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) > len(header):
             raise OmnimirrorError(
-                f"{place} must have {len(header)} cells, as many as the header; got {len(cells)}"
+                f"{location} must have {len(header)} cells, as many as the header; got {len(cells)}"
             )
         named = zip(header, (cell.strip() for cell in cells), strict=False)
         entry = {name: _number(name, cell) for name, cell in named if cell}
-        yield place, _part(place, "column ", _with_file(place, entry, path.parent), LensComponent)
+        yield (
+            location,
+            _part(location, "column ", _with_file(location, entry, path.parent), LensComponent),
+        )
 
 
 def _with_file(where: str, entry: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -412,12 +415,12 @@ def _number(key: str, text: str) -> Any:
 def _part(where: str, what: str, entry: dict[str, Any], plain: type[Component]) -> Component:
     """Create one part of the kind identified by its entries."""
     cls: type[Any] = next((kind for name, kind in KIND_BY_ENTRY.items() if name in entry), plain)
-    known = {f.name: f for f in fields(cls)}
-    if unknown := [k for k in entry if k not in known]:
+    field_of = {f.name: f for f in fields(cls)}
+    if unknown := [k for k in entry if k not in field_of]:
         raise OmnimirrorError(
-            f"{where}: unknown {what or 'entry '}{unknown[0]}; use {', '.join(known)}"
+            f"{where}: unknown {what or 'entry '}{unknown[0]}; use {', '.join(field_of)}"
         )
-    if missing := [k for k, f in known.items() if f.default is MISSING and k not in entry]:
+    if missing := [k for k, f in field_of.items() if f.default is MISSING and k not in entry]:
         raise OmnimirrorError(
             f"{where}: {what}{missing[0]} is missing; the name and all dimensions of the part are required"
         )

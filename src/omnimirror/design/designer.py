@@ -173,7 +173,7 @@ def design_sensor(
     (True, 172.275, 512.0)
     """
     instance("requirements", requirements, Requirements, "requirements")
-    on_progress = on_step or (lambda words: None)
+    on_progress = on_step or (lambda message: None)
     space, best = _solve(requirements, on_progress, search or SearchOptions())
     design = design_of(best.verdict, best.notes, None, best.optimum)
     if on_design is not None:

@@ -210,8 +210,8 @@ def cut_off(sensor: Sensor) -> tuple[str, ...]:
     with np.errstate(divide="ignore"):
         edge = np.where(towards > 0, edges[:, None] / towards, np.inf).min(axis=0)
     visible = np.minimum(edge, rim)
-    shown = sensor.x_from_height_px([max(float(visible.min()), _first_radius_px(sensor))])
-    omega_deg = float(np.degrees(sensor.meridian.trace(shown).omega[0]))
+    mirror_x = sensor.x_from_height_px([max(float(visible.min()), _first_radius_px(sensor))])
+    omega_deg = float(np.degrees(sensor.meridian.trace(mirror_x).omega[0]))
     whole = (edge >= rim - EDGE_PX).mean()
     return (
         f"the rim is on the imager for {whole:.1%} of the azimuths; at the nearest edge the field ends at "

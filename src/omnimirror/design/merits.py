@@ -152,10 +152,10 @@ class FieldValues(NamedTuple):
     def at(self, which: NDArray[np.intp]) -> FieldValues:
         """Return the values at selected field angles (..., k), with weight 0 for repeated ones."""
         index = np.arange(which.shape[-1])
-        taken = [
+        selected = [
             a if a.shape[-1] == 1 else np.take_along_axis(a, _like(which, a), axis=-1) for a in self
         ]
-        return FieldValues(*taken)._replace(
+        return FieldValues(*selected)._replace(
             solid_angle=np.where(which == index, self.solid_angle, 0.0)
         )
 
@@ -371,11 +371,11 @@ def _length_of(t: Array, s: Array) -> tuple[Array, ...]:
 def _merit(
     name: str,
     rows: Callable[[FieldValues], tuple[Array, ...]],
-    shown: Callable[[Array], Array] = _same,
+    display: Callable[[Array], Array] = _same,
     hidden: Callable[[Array], Array] = _same,
     **more: bool,
 ) -> Merit:
-    return Merit(QUANTITIES[name], rows, shown, hidden, **more)
+    return Merit(QUANTITIES[name], rows, display, hidden, **more)
 
 
 DESIGN_MERITS: dict[str, Merit] = {

@@ -302,10 +302,10 @@ def check_entries(mapping: str, specified: Collection[str]) -> None:
         If an entry is inapplicable or missing; the message contains its name.
     """
     cls = MAPPINGS[mapping]
-    taken = (
+    entries = (
         (*cls.PARAMETERS, "omega_min_deg") if cls is TabulatedMapping else cls.PARAMETERS
     )  # start of its table
-    if wrong := [name for name in specified if name not in taken]:
+    if wrong := [name for name in specified if name not in entries]:
         raise InvalidParameter(
             f"{wrong[0]} must be omitted for the {mapping} mapping{_instead(wrong[0])}"
         )
@@ -413,8 +413,8 @@ class LensAndCover:
 
     def mounted(self, initial: MountedMirror, theta_max_deg: float) -> MountedMirror:
         """Return a mirror designed for a pinhole, at the lens distance of equal viewing angle."""
-        place = float(self.lens.pupil.position(np.array([np.tan(np.radians(theta_max_deg))]))[0])
-        return MountedMirror(initial.mirror, initial.distance_mm + place, initial.notes)
+        position = float(self.lens.pupil.position(np.array([np.tan(np.radians(theta_max_deg))]))[0])
+        return MountedMirror(initial.mirror, initial.distance_mm + position, initial.notes)
 
     def rays(self, mounted: MountedMirror, x: Array) -> ChiefRays:
         """Trace the chief rays (n,) of mirror points to the outside; not finite if blocked."""

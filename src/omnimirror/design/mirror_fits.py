@@ -262,14 +262,14 @@ class _Problem:
         """Solve for the first unknowns by a trust-region method; the others are fixed."""
         from scipy.optimize import least_squares
 
-        known = dict[
+        cache = dict[
             bytes, _Linear | None
         ]()  # the solver requests derivatives at points of known values
 
         def linear(h: Array) -> _Linear | None:
-            if (key := h.tobytes()) not in known:
-                known[key] = self._safely(residual, np.append(h, tail))
-            return known[key]
+            if (key := h.tobytes()) not in cache:
+                cache[key] = self._safely(residual, np.append(h, tail))
+            return cache[key]
 
         def value(h: Array) -> Array:
             fit = linear(h)

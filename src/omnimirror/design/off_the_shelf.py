@@ -418,13 +418,13 @@ def design_from_parts(
         len(everything),
         Counter(r for r in reasons if r is not None),
     )
-    left = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
-    on_progress = on_step or (lambda words: None)
+    remaining = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
+    on_progress = on_step or (lambda message: None)
     # Closed at a signal too: otherwise the worker processes would outlive the command
-    with closing(_designed(requirements, left, processes, tally)) as answers:
+    with closing(_designed(requirements, remaining, processes, tally)) as answers:
         for i, answer in enumerate(answers):
             tally.take(answer)
-            on_progress(f"{i + 1} of {len(left)} combinations, {len(tally.found)} feasible")
+            on_progress(f"{i + 1} of {len(remaining)} combinations, {len(tally.found)} feasible")
             if tally.is_full:
                 break
     return tally.result()
@@ -486,7 +486,7 @@ class _Tally:
         return not self.front and len(self.found) >= self.max_designs
 
     def result(self) -> PartsSearch:
-        left = self.combinations - self.cut.total() - self.taken
+        remaining = self.combinations - self.cut.total() - self.taken
         nearest = None if self.found else self.nearest
         return PartsSearch(
             self.requirements,
@@ -495,5 +495,5 @@ class _Tally:
             self.combinations,
             dict(self.cut),
             dict(self.missed),
-            left,
+            remaining,
         )

@@ -625,7 +625,7 @@ def _finished(resume: str | Path | None, header: dict[str, Any]) -> list[Run]:
 
 def _notes(problem: DesignProblem, merit: str, value: float) -> str:
     q = merit_named(merit).quantity
-    sentence = f"Optimised: {q.title}, {value:.5g} {q.unit}".rstrip()
+    message = f"Optimised: {q.title}, {value:.5g} {q.unit}".rstrip()
     distances = " and ".join(f"{d:g}" for d in problem.distances_mm)
     shape = f"{problem.family} of {problem.terms} terms, object at {distances} mm"
-    return f"{sentence}; {shape}, blur by the {problem.mode} form."
+    return f"{message}; {shape}, blur by the {problem.mode} form."

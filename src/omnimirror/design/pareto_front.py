@@ -95,11 +95,11 @@ class Generation:
 def first_generation(contest: Contest, population: int, seed: int) -> Generation:
     """Return the first generation: known mirrors, single optima, and convex combinations."""
     space = contest.space
-    known = [start(space, i, seed)[1] for i in range(2)]
+    starts = [start(space, i, seed)[1] for i in range(2)]
     for merit in contest.merits:
         with suppress(OmnimirrorError):  # limits that a single start does not meet
-            known.append(optimise(space.problem, merit.name, starts=1, seed=seed).y)
-    corners = np.array(known)
+            starts.append(optimise(space.problem, merit.name, starts=1, seed=seed).y)
+    corners = np.array(starts)
     rng = np.random.default_rng(seed)
     blends = rng.dirichlet(np.full(len(corners), 0.5), max(population - len(corners), 0)) @ corners
     blends *= 1 + 0.003 * rng.standard_normal(blends.shape)

@@ -49,7 +49,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
     for name, make in _makers(rim):
         with suppress(OmnimirrorError):  # a mapping that is impossible for this field
             mounted = make()
-            place = (
+            position = (
                 0.0
                 if problem.is_telecentric
                 else float(first.lens.pupil.position(np.array([np.tan(np.radians(theta))]))[0])
@@ -57,7 +57,7 @@ def known_sensors(problem: DesignProblem) -> dict[str, Sensor]:
             sensors[name] = replace(
                 first,
                 mirror=mounted.mirror,
-                mirror_distance_mm=mounted.distance_mm + place,
+                mirror_distance_mm=mounted.distance_mm + position,
                 name=name,
             )
     return sensors

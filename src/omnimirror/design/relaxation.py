@@ -85,10 +85,10 @@ def find_alternatives(
     screened.sort(
         key=lambda pair: max(pair[1].cost, 0.0)
     )  # those that meet all requirements in their order
-    left = SEARCHED
+    remaining = SEARCHED
     for choice, result in screened:
-        if result.cost > 0 and left:
-            left -= 1
+        if result.cost > 0 and remaining:
+            remaining -= 1
             on_progress(f"alternative {choice.entry} = {choice.value}: search")
             result = RangeSearch(choice.requirements).followed(result, enough=0.0)
         reached = check_requirements(choice.requirements, result.made.sensor)
@@ -277,7 +277,7 @@ Holds = Callable[[Sequence[Relaxation]], bool | None]
 def find_conflict(
     space: Space,
     best: BestDesign,
-    on_progress: OnProgress = lambda words: None,
+    on_progress: OnProgress = lambda message: None,
     alternatives: Iterable[Alternative] = (),
 ) -> Conflict | None:
     """Analyse the conflict of infeasible requirements; return None if all are met.

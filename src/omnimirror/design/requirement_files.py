@@ -321,21 +321,21 @@ def _by_field_angles(table: dict[str, Any], mount: Mount, where: SourceLocator) 
 
 
 def _field_angles(
-    place: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: SourceLocator
+    location: tuple[str, ...], elevation_deg: list[float], mount: Mount, where: SourceLocator
 ) -> tuple[float, float]:
     low, high = elevation_deg
     if low > high:
         raise where.error(
-            place, f"{'.'.join(place)} must be [LOW, HIGH] in the field; got {elevation_deg}"
+            location, f"{'.'.join(location)} must be [LOW, HIGH] in the field; got {elevation_deg}"
         )
-    return where.wrap(place, lambda: mount.field_angles_deg((low, high)))
+    return where.wrap(location, lambda: mount.field_angles_deg((low, high)))
 
 
 def limit_of(index: int, table: dict[str, Any], mount: Mount, where: SourceLocator) -> Limit:
     """Return the limit of a ``[[limit]]`` table; ``where`` adds locations to errors."""
     section = f"limit.{index}"
     entries = validated(LimitTable, section, table, where)
-    place = (section, "quantity") if entries.quantity not in LIMITABLE else (section,)
+    location = (section, "quantity") if entries.quantity not in LIMITABLE else (section,)
     part = _pair(entries.omega_deg)
     if entries.elevation_deg is not None:
         if part is not None:
@@ -347,9 +347,9 @@ def limit_of(index: int, table: dict[str, Any], mount: Mount, where: SourceLocat
             (section, "elevation_deg"), [*_pair(entries.elevation_deg)], mount, where
         )
     elif part is not None and part[0] > part[1]:
-        place = (section, "omega_deg")
+        location = (section, "omega_deg")
     numbers = entries.at_most, entries.at_least, part, entries.cycles_per_px
-    return where.wrap(place, lambda: Limit(entries.quantity, *numbers))
+    return where.wrap(location, lambda: Limit(entries.quantity, *numbers))
 
 
 def _pair(part: float | list[float] | None) -> Any:

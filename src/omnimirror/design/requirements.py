@@ -90,15 +90,15 @@ def _check_way(mirror: MirrorRequirements) -> None:
         )
     (way,) = ways
     value = getattr(mirror, way)
-    known = {
+    names = {
         "mapping": list(MAPPINGS),
         "family": [*FAMILIES, "polynomial:N"],
         "optimise": list(DESIGN_MERITS),
     }[way]
-    if value not in known and not (way == "family" and value.startswith("polynomial:")):
+    if value not in names and not (way == "family" and value.startswith("polynomial:")):
         raise EntryError(
             ("mirror", way),
-            f"mirror.{way} must be one of {', '.join(known)}; got {value!r}{did_you_mean(value, known)}",
+            f"mirror.{way} must be one of {', '.join(names)}; got {value!r}{did_you_mean(value, names)}",
         )
 
 

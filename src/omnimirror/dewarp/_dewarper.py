@@ -118,9 +118,9 @@ class Dewarper:
                 f"view must be a view from om.screens or om.views; got {format_value(self.view)}"
             )
         if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
-            known = ", ".join(INTERPOLATIONS)
+            names = ", ".join(INTERPOLATIONS)
             raise InvalidParameter(
-                f"interpolation must be one of {known}; got {format_value(self.interpolation)}"
+                f"interpolation must be one of {names}; got {format_value(self.interpolation)}"
             )
         check_viewpoint(self.viewpoint)
         check_border(self.border)

@@ -325,8 +325,8 @@ def _check_orientation(size: Size, camera_size: Size, orientation: int, is_store
 
 def _change_of_depth(before: str, after: str) -> str:
     """Return a description of the loss or conversion caused by a change of depth."""
-    words = {"uint8": "8 bits", "uint16": "16 bits", "float32": "linear light"}
-    return "" if before == after else f", converted from {words[before]} to {words[after]}"
+    names = {"uint8": "8 bits", "uint16": "16 bits", "float32": "linear light"}
+    return "" if before == after else f", converted from {names[before]} to {names[after]}"
 
 
 def _percent(dewarp: Dewarper | ColourDewarper) -> str:

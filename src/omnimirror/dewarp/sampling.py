@@ -552,14 +552,14 @@ def _band(
     inside = np.isfinite(middle[..., 0])
     for across, down in np.unique(taps[inside], axis=0):
         chosen = inside & (taps == (across, down)).all(axis=-1)
-        places = (
+        positions = (
             middle[chosen]
             + _part(i, across, [s[chosen] for s in aside])
             + _part(j, down, [s[chosen] for s in upright])
             for i in range(across)
             for j in range(down)
         )
-        out[chosen] = _means(image, middle[chosen], places, averages.annulus)
+        out[chosen] = _means(image, middle[chosen], positions, averages.annulus)
     if dtype == np.float32:
         return out
     return np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max).astype(dtype)
@@ -599,7 +599,7 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
 
 
 def _means(
-    image: Image, middle: Values, places: Iterable[Values], annulus: Annulus | None
+    image: Image, middle: Values, positions: Iterable[Values], annulus: Annulus | None
 ) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
@@ -608,7 +608,7 @@ def _means(
         np.zeros((len(middle), image.shape[2]), np.float32),
         np.zeros(len(middle), np.float32),
     )
-    for pixels in places:
+    for pixels in positions:
         if annulus is not None:
             square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
             pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan

@@ -404,8 +404,8 @@ class ViewOverTime:
         self.keyframes = None if settings.keyframes is None else Keyframes.load(settings.keyframes)
         self.still = self._dewarper(self.view)
         if self.keyframes is not None:
-            known = {f.name for f in fields(self.view)}  # type: ignore[arg-type]  # subclasses are dataclasses
-            if unknown := [name for name in self.keyframes.tracks if name not in known]:
+            names = {f.name for f in fields(self.view)}  # type: ignore[arg-type]  # subclasses are dataclasses
+            if unknown := [name for name in self.keyframes.tracks if name not in names]:
                 raise InvalidParameter(
                     f"{settings.keyframes}: the columns must be parameters of the {self.view}; got {unknown[0]}"
                 )
@@ -497,9 +497,9 @@ def _sink(
     if (
         is_for_any
         and "pixel_format" not in encoding
-        and (lost := conversion_losses(view_over_time.pixel_format, PixelFormat()))
+        and (losses := conversion_losses(view_over_time.pixel_format, PixelFormat()))
     ):
-        callbacks.on_warning(f"{output}: {lost}; use --set video.pixel_format for another format")
+        callbacks.on_warning(f"{output}: {losses}; use --set video.pixel_format for another format")
     if is_for_any:  # use the range assumed by players
         encoding |= {
             "colour": replace(properties.colour, range=min(properties.colour.range, 1)),

@@ -139,7 +139,7 @@ def format_registry(group: str, kind: str, builtin: dict[str, ExportFormat[T]]) 
 
 def write_formats(
     value: T,
-    known: ExportFormats[T],
+    registry: ExportFormats[T],
     name: str,
     path: str | Path,
     formats: Iterable[str] | str | None,
@@ -150,7 +150,7 @@ def write_formats(
     ----------
     value
         Object to write, such as a ray table.
-    known
+    registry
         Available formats.
     name
         Stem of the files in a folder.
@@ -174,14 +174,14 @@ def write_formats(
         If a required package is missing or a file cannot be written.
     """
     path = file_name("path", path)
-    targets = _targets(known, name, path, _requested_formats(formats, known))
-    _check_packages({kind: known[kind].packages for kind in targets})
+    targets = _targets(registry, name, path, _requested_formats(formats, registry))
+    _check_packages({kind: registry[kind].packages for kind in targets})
     with TemporaryDirectory() as folder, ExitStack() as stack:
         exported = []
         for number, (kind, paths) in enumerate(targets.items()):
             temporary = tuple(Path(folder, str(number), p.name) for p in paths)
             temporary[0].parent.mkdir()
-            description, deviation = known[kind].write(value, temporary)
+            description, deviation = registry[kind].write(value, temporary)
             exported.append(ExportedFiles(paths, description, deviation))
         for number, paths in enumerate(targets.values()):
             for target in paths:
@@ -191,19 +191,19 @@ def write_formats(
 
 
 def _requested_formats(
-    formats: Iterable[str] | str | None, known: ExportFormats[T]
+    formats: Iterable[str] | str | None, registry: ExportFormats[T]
 ) -> list[str] | None:
     """Return the requested formats without duplicates; None if the suffix selects the format."""
     if formats is None:
         return None
-    valid = ", ".join(known)
+    valid = ", ".join(registry)
     if not isinstance(formats, Iterable):
         raise InvalidType(
             f"formats must be a list of names from {valid}; got {format_value(formats)}"
         )
     names = list(dict.fromkeys([formats] if isinstance(formats, str) else formats))
     for name in names:
-        if not isinstance(name, str) or name not in known:
+        if not isinstance(name, str) or name not in registry:
             raise InvalidParameter(f"formats must be from {valid}; got {format_value(name)}")
     if not names:
         raise InvalidParameter(f"formats must contain at least one of {valid}; got none")
@@ -211,12 +211,12 @@ def _requested_formats(
 
 
 def _targets(
-    known: ExportFormats[T], name: str, path: Path, names: list[str] | None
+    registry: ExportFormats[T], name: str, path: Path, names: list[str] | None
 ) -> dict[str, tuple[Path, ...]]:
     """Return the files to write by format."""
     if path.suffix and not path.is_dir():
-        kind = _format_of_file(known, path, names)
-        endings = known[kind].endings
+        kind = _format_of_file(registry, path, names)
+        endings = registry[kind].endings
         if len(endings) == 1:
             return {kind: (path,)}
         if is_stream(path):
@@ -227,22 +227,22 @@ def _targets(
         return {kind: tuple(path.with_name(path.stem + ending) for ending in endings)}
     if names is None:
         raise InvalidParameter(
-            f"formats must be given for the folder {path}; choose from {', '.join(known)}"
+            f"formats must be given for the folder {path}; choose from {', '.join(registry)}"
         )
     stem = file_stem(name, "camera")
     return {
-        kind: tuple(path / f"{stem}-{kind}{ending}" for ending in known[kind].endings)
+        kind: tuple(path / f"{stem}-{kind}{ending}" for ending in registry[kind].endings)
         for kind in names
     }
 
 
-def _format_of_file(known: ExportFormats[T], path: Path, names: list[str] | None) -> str:
+def _format_of_file(registry: ExportFormats[T], path: Path, names: list[str] | None) -> str:
     """Return the requested format of one file, or the first format with its suffix."""
     suffix = path.suffix.lower()
     if names is None:
-        names = [kind for kind, f in known.items() if f.suffix == suffix][:1]
+        names = [kind for kind, f in registry.items() if f.suffix == suffix][:1]
         if not names:
-            valid = ", ".join(dict.fromkeys(f.suffix for f in known.values()))
+            valid = ", ".join(dict.fromkeys(f.suffix for f in registry.values()))
             raise InvalidParameter(
                 f"the suffix of {path.name} must be one of {valid}; alternatively specify a folder and --format"
             )
@@ -250,9 +250,9 @@ def _format_of_file(known: ExportFormats[T], path: Path, names: list[str] | None
         raise InvalidParameter(
             f"{path.name} is a single file and cannot contain {', '.join(names)}; specify a folder"
         )
-    if known[names[0]].suffix != suffix:
+    if registry[names[0]].suffix != suffix:
         raise InvalidParameter(
-            f"the suffix of {names[0]} files must be {known[names[0]].suffix}; got {path.name}"
+            f"the suffix of {names[0]} files must be {registry[names[0]].suffix}; got {path.name}"
         )
     return names[0]
 

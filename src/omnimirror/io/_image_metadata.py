@@ -358,9 +358,9 @@ def _profile_of_tiff(data: bytes) -> bytes | None:
     (at,) = struct.unpack_from(order + "I", data, 4)
     (count,) = struct.unpack_from(order + "H", data, at)
     for i in range(count):
-        tag, _, length, place = struct.unpack_from(order + "HHII", data, at + 2 + 12 * i)
+        tag, _, length, offset = struct.unpack_from(order + "HHII", data, at + 2 + 12 * i)
         if tag == ICC_TAG:
-            return data[place : place + length]
+            return data[offset : offset + length]
     return None
 
 

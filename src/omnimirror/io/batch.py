@@ -124,15 +124,15 @@ def outputs_for(
     MediaError
         If two outputs would have the same path, or an output would overwrite an input.
     """
-    taken: dict[Path, Path] = {}
+    inputs_of: dict[Path, Path] = {}
     for source in sources:
         output = output_for(source, folder, suffix)
-        if output in taken:
+        if output in inputs_of:
             raise MediaError(
-                f"outputs must be different files; got {output} for {taken[output]} and {source}"
+                f"outputs must be different files; got {output} for {inputs_of[output]} and {source}"
             )
-        taken[output] = source
-    return list(taken)
+        inputs_of[output] = source
+    return list(inputs_of)
 
 
 def run_parallel(

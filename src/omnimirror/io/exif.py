@@ -127,7 +127,7 @@ def parse_exif(block: bytes) -> Exif | None:
         return None
     try:
         first = _directory(block, order, struct.unpack_from(order + "I", block, 4)[0])
-        exposure, place = (
+        exposure, location = (
             _directory(block, order, struct.unpack("<I", first[tag].values)[0])
             if tag in first
             else {}
@@ -137,7 +137,7 @@ def parse_exif(block: bytes) -> Exif | None:
         return None
     tags = {tag: entry for tag, entry in first.items() if tag in KEPT_IMAGE_TAGS}
     exposure = {tag: entry for tag, entry in exposure.items() if tag not in DROPPED_EXPOSURE_TAGS}
-    return Exif(tags, exposure, place) if tags or exposure or place else None
+    return Exif(tags, exposure, location) if tags or exposure or location else None
 
 
 def serialised_directory(directory: Directory, at: int) -> bytes:
@@ -158,11 +158,11 @@ def _directory(block: bytes, order: str, at: int) -> Directory:
         raise ValueError(count)
     entries: Directory = {}
     for i in range(count):
-        place = at + 2 + 12 * i
-        tag, kind, number = struct.unpack_from(order + "HHI", block, place)
+        offset = at + 2 + 12 * i
+        tag, kind, number = struct.unpack_from(order + "HHI", block, offset)
         size, unit = TYPE_SIZES[kind]
         length = size * number
-        start = place + 8 if length <= 4 else struct.unpack_from(order + "I", block, place + 8)[0]
+        start = offset + 8 if length <= 4 else struct.unpack_from(order + "I", block, offset + 8)[0]
         data = block[start : start + length]
         if len(data) != length:
             raise ValueError(tag)

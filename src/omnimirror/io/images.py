@@ -149,10 +149,10 @@ def _tiff_bytes(data: bytes) -> int:
             and 1 <= length <= 64
         ):
             numbers = struct.Struct(f"{order}{length}{TIFF_NUMBERS[kind]}")
-            place = entry + size - inline
+            offset = entry + size - inline
             if numbers.size > inline:
-                (place,) = struct.unpack_from(order + ("Q" if is_big else "I"), data, place)
-            tags[tag] = numbers.unpack_from(data, place)
+                (offset,) = struct.unpack_from(order + ("Q" if is_big else "I"), data, offset)
+            tags[tag] = numbers.unpack_from(data, offset)
     depth = max(tags.get(TAG_BITS, (1,)))
     (channels,) = tags.get(TAG_SAMPLES, (1,))[:1]
     return tags[TAG_WIDTH][0] * tags[TAG_HEIGHT][0] * channels * max(1, -(-depth // 8))

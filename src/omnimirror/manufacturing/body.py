@@ -292,11 +292,11 @@ class Body:
                 if deepest > 0
                 else "increase thickness_mm"
             )
-            left = f"{wall:.3g} mm" if wall > 0 else "a hole"
+            wall_text = f"{wall:.3g} mm" if wall > 0 else "a hole"
             raise InvalidParameter(
                 f"bore_depth_mm = {self.bore_depth_mm:g} must leave a wall of {MIN_WALL_MM:g} mm to the mirror "
                 "surface; "
-                f"got {left}; {advice}, or inf for a through bore"
+                f"got {wall_text}; {advice}, or inf for a through bore"
             )
         depth = back - self.bore_depth_mm
         return [(radius, back), (radius, depth), (0.0, float(depth - point)), (0.0, 0.0)]

@@ -386,9 +386,9 @@ def _dxf(plan: Plan, part: Part, path: Path) -> Content:
 
 def _zmx(plan: Plan, part: Part, path: Path) -> Content:
     aspheres = write_zmx(path, plan.sensor)
-    words = " and ".join(asphere.words() for asphere in aspheres)
+    description = " and ".join(asphere.words() for asphere in aspheres)
     return Content(
-        f"OpticStudio, {words}",
+        f"OpticStudio, {description}",
         max(a.deviation_um for a in aspheres),
         max(a.ray_deg for a in aspheres),
     )
@@ -458,8 +458,10 @@ def _check_format(name: str, kind: Any) -> None:
         raise InvalidType(
             f"kind must be an omnimirror.manufacturing.Format; got {format_value(kind)}"
         )
-    if taken := [s for s in kind.suffixes for f in BUILT_IN_FORMATS.values() if s in f.suffixes]:
-        raise InvalidParameter(f"suffixes must not belong to another format; got {taken[0]}")
+    if duplicates := [
+        s for s in kind.suffixes for f in BUILT_IN_FORMATS.values() if s in f.suffixes
+    ]:
+        raise InvalidParameter(f"suffixes must not belong to another format; got {duplicates[0]}")
 
 
 FORMATS: Registry[Format] = Registry(

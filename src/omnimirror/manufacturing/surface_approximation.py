@@ -396,9 +396,9 @@ def _spline(mirror: Mirror, ends: Ends, tolerance_um: float) -> ProfileCurve:
         worst = float(np.abs(deviation_um(mirror, np.clip(x_on, start, rim), z_on)).max())
         if best is None or worst < best.deviation_um:
             poles = tuple((float(px), float(pz)) for px, pz in spline.c)
-            words = f"quintic spline of {len(poles)} poles"
+            description = f"quintic spline of {len(poles)} poles"
             best = ProfileCurve(
-                "spline", ends, 0.0, 5, tuple(map(float, spline.t)), poles, None, worst, words
+                "spline", ends, 0.0, 5, tuple(map(float, spline.t)), poles, None, worst, description
             )
         if worst <= tolerance_um:
             break

@@ -31,10 +31,10 @@ class _Sheeted:
             if (value := getattr(self, name)) is not None:
                 parameter.check(name, value)
         for name, room in self.ROOM.items():
-            words = getattr(self, name)
-            if len(words) > room or not words.isprintable():
+            text = getattr(self, name)
+            if len(text) > room or not text.isprintable():
                 raise InvalidParameter(
-                    f"{name} must be printable text of at most {room} characters; got {format_value(words)}"
+                    f"{name} must be printable text of at most {room} characters; got {format_value(text)}"
                 )
 
 
@@ -170,10 +170,11 @@ class PartSpecification(_Sheeted):
         """Density in g/cm3, given or that of the known material; None if unknown."""
         if self.density_g_per_cm3 is not None:
             return self.density_g_per_cm3
-        words = self.material.lower()
-        known = sorted(DENSITIES_G_PER_CM3, key=len, reverse=True)  # stainless steel before steel
+        material = self.material.lower()
+        names = sorted(DENSITIES_G_PER_CM3, key=len, reverse=True)  # stainless steel before steel
         return next(
-            (DENSITIES_G_PER_CM3[name] for name in known if name.replace("_", " ") in words), None
+            (DENSITIES_G_PER_CM3[name] for name in names if name.replace("_", " ") in material),
+            None,
         )
 
 

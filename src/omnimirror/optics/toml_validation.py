@@ -193,18 +193,19 @@ NOUNS = {dict: "a table", str: "a string in quotes", int: "an integer", list: "a
 
 
 def check_entries(
-    data: dict[str, Any], known: dict[str, type], file_format: int, where: SourceLocator
+    data: dict[str, Any], entry_types: dict[str, type], file_format: int, where: SourceLocator
 ) -> None:
     """Check that entries outside tables are known, of the right type and of this file format."""
     for key, value in data.items():
-        if key not in known:
+        if key not in entry_types:
             name = format_value(key)[1:-1]
             raise where.error(
-                (key,), f"unknown entry {name}{did_you_mean(key, known)}; use {', '.join(known)}"
+                (key,),
+                f"unknown entry {name}{did_you_mean(key, entry_types)}; use {', '.join(entry_types)}",
             )
-        if not isinstance(value, known[key]) or isinstance(value, bool):
+        if not isinstance(value, entry_types[key]) or isinstance(value, bool):
             raise where.error(
-                (key,), f"{key} must be {NOUNS[known[key]]}; got {format_value(value)}"
+                (key,), f"{key} must be {NOUNS[entry_types[key]]}; got {format_value(value)}"
             )
     if (version := data.get("format", file_format)) != file_format:
         raise where.error(
@@ -250,8 +251,8 @@ def _describe(model: type[Table], name: str) -> str:
     return f" ({description})" if description else ""
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+def did_you_mean(word: str, names: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(names), n=1, cutoff=0.5)
     return f"; did you mean {close[0]}?" if close else ""
 
 

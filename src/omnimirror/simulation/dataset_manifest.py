@@ -124,8 +124,8 @@ class Manifest:
 
 def _remove_temporary_files(folder: Path) -> None:
     """Remove incomplete files of a terminated process."""
-    for place in (folder, folder / FRAMES):
-        for path in place.glob(".*") if place.is_dir() else ():
+    for directory in (folder, folder / FRAMES):
+        for path in directory.glob(".*") if directory.is_dir() else ():
             if TEMPORARY_FILE.fullmatch(path.name):
                 path.unlink(missing_ok=True)
 

@@ -286,8 +286,8 @@ def mosaic(light: Light, bayer: str) -> Light:
            [2., 3., 2., 3.]], dtype=float32)
     """
     filtered = np.empty(light.shape[:2], np.float32)
-    for place, colour in enumerate(bayer):
-        row, column = divmod(place, 2)
+    for index, colour in enumerate(bayer):
+        row, column = divmod(index, 2)
         filtered[row::2, column::2] = light[row::2, column::2, "RGB".index(colour)]
     return filtered
 

@@ -91,11 +91,11 @@ class Radiometry:
         return red, green, blue
 
 
-def camera_front(place: Array) -> Array:
+def camera_front(position: Array) -> Array:
     """Return the grey level (n,) of the camera front at points (n, 2) in radii of its front ring,
     as in the kernels.
     """
-    x, y = place.T
+    x, y = position.T
     with np.errstate(invalid="ignore"):
         q = np.hypot(x, y)
         glint = np.hypot(x + 0.2, y + 0.25) < 0.12

@@ -112,7 +112,7 @@ def test_layout_matches_the_sheet(size, tmp_path):
     )
     workshop = Workshop(TitleBlock("OM-1"), mirror=making)
     parts = parts_of(sensor, Body())
-    write_dxf(tmp_path / "mirror.dxf", parts[0], workshop, sheet=size, place=(2, 3))
+    write_dxf(tmp_path / "mirror.dxf", parts[0], workshop, sheet=size, sheet_number=(2, 3))
     doc = ezdxf.readfile(tmp_path / "mirror.dxf")
     assert not doc.audit().errors
     layout = doc.layout(size)

@@ -46,8 +46,8 @@ def axis_label(name: str, titled: bool = False) -> str:
     """
     q = QUANTITIES[name]
     symbol = re.sub(r"_(\w)", r"$_\1$", q.symbol)
-    words = [q.title] * titled + [symbol] + [f"({q.unit})"] * bool(q.unit)
-    return " ".join(words)
+    parts = [q.title] * titled + [symbol] + [f"({q.unit})"] * bool(q.unit)
+    return " ".join(parts)
 
 
 def axis_title(name: str) -> str:

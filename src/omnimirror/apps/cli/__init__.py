@@ -156,17 +156,17 @@ def main(args: list[str] | None = None) -> None:
         If the command fails, or a signal stops it.
     """
     start = time.perf_counter()
-    is_debugged, is_verbose, words = _split_global_options(
+    is_debugged, is_verbose, arguments = _split_global_options(
         list(sys.argv[1:] if args is None else args)
     )
-    is_server = bool(SERVERS & set(words))
+    is_server = bool(SERVERS & set(arguments))
     with process_state(is_quiet=not is_debugged and not is_server):
-        _run(words, is_debugged, is_verbose, start)
+        _run(arguments, is_debugged, is_verbose, start)
 
 
-def _run(words: list[str], is_debugged: bool, is_verbose: bool, start: float) -> None:
+def _run(arguments: list[str], is_debugged: bool, is_verbose: bool, start: float) -> None:
     try:
-        app.main(args=words, prog_name="omnimirror", standalone_mode=False)
+        app.main(args=arguments, prog_name="omnimirror", standalone_mode=False)
         sys.stdout.flush()
         if is_verbose:
             click.echo(_format_run_time(time.perf_counter() - start), err=True)
@@ -182,22 +182,22 @@ def _run(words: list[str], is_debugged: bool, is_verbose: bool, start: float) ->
         if type(e).__name__ == "NoArgsIsHelpError":
             click.echo(str(e), err=True)
             sys.exit(2)
-        sentence, code = error_message(e)
-        _print_error(one_line(sentence))
+        message, code = error_message(e)
+        _print_error(one_line(message))
         sys.exit(code)
 
 
-def _print_error(sentence: str) -> None:
+def _print_error(message: str) -> None:
     with suppress(OSError):  # SIGHUP: the terminal is closed
-        click.echo(f"omnimirror: {sentence}", err=True)
+        click.echo(f"omnimirror: {message}", err=True)
 
 
-def _split_global_options(words: list[str]) -> tuple[bool, bool, list[str]]:
-    """Split off global options: return ``--debug``, ``--verbose`` and the other words, ``--quiet``
+def _split_global_options(arguments: list[str]) -> tuple[bool, bool, list[str]]:
+    """Split off global options: return ``--debug``, ``--verbose`` and the other arguments, ``--quiet``
     first.
     """
-    end = words.index("--") if "--" in words else len(words)
-    options, rest = words[:end], words[end:]
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    options, rest = arguments[:end], arguments[end:]
     is_given = [name in options for name in ("--debug", "--verbose", "--quiet")]
     remaining = [word for word in options if word not in ("--debug", "--verbose", "--quiet")]
     return is_given[0], is_given[1], ["--quiet"] * is_given[2] + remaining + rest

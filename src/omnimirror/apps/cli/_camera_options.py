@@ -75,8 +75,8 @@ class OrientationOptions(Options):
     def _report(self, orientations: Sequence[int]) -> None:
         for orientation, count in Counter(orientations).items():
             if orientation != UPRIGHT:
-                words = applied(orientation, self.stored_orientation)
-                print_remark(f"omnimirror: {count} of {len(orientations)} images {words}")
+                description = applied(orientation, self.stored_orientation)
+                print_remark(f"omnimirror: {count} of {len(orientations)} images {description}")
 
 
 # -- Camera and mounting ---------------------------------------------------------------------------
@@ -159,14 +159,14 @@ class CameraOptions(Options):
         """Return a name for the camera, and these options as words of a command line."""
         kind = next(name for name in SOURCES if name in self.given)
         text = ",".join(f"{x:.10g}" for x in self.ball) if self.ball else str(self.sensor)
-        words = [flag(kind), text]
+        arguments = [flag(kind), text]
         if self.camera_looks is not None:
-            words += [flag("camera_looks"), self.camera_looks]
+            arguments += [flag("camera_looks"), self.camera_looks]
         for f in fields(self):
             if "table" in f.metadata and f.name in self.given:
                 value = format_setting(getattr(self, f.name))
-                words += ["--set", f"{f.metadata['table']}.{f.name}={value}"]
-        return "mirror ball" if kind == "ball" else Path(text).name, tuple(words)
+                arguments += ["--set", f"{f.metadata['table']}.{f.name}={value}"]
+        return "mirror ball" if kind == "ball" else Path(text).name, tuple(arguments)
 
 
 # -- Uncalibrated camera ---------------------------------------------------------------------------
@@ -240,12 +240,12 @@ class AutoOptions(Options):
             return camera
 
         (u, v), among = rim.centre_px, "" if len(images) == 1 else f" in {len(images)} images"
-        words = f" ({PRESETS[name].words})" if name in PRESETS else ""
+        description = f" ({PRESETS[name].words})" if name in PRESETS else ""
         default = "" if self.mirror else "; specify another with --mirror"
         report = (
             f"detected rim of radius {rim.radius_px:.1f} px at {u:.1f}, {v:.1f}{among}, "
             f"confidence {rim.confidence:.2f}; assumed mirror: "
-            f"{name}{words}{default}{_tilt_ambiguity(rim, name)}{levelling}"
+            f"{name}{description}{default}{_tilt_ambiguity(rim, name)}{levelling}"
         )
         return camera_of, report
 

@@ -272,8 +272,10 @@ class SetOption(GroupedOption):
             table, _, name = key.partition(".")
             names.setdefault(table, []).append(name)
         keys = [
-            f"{table}.{known[0]}" if len(known) == 1 else f"{table}.{{{', '.join(sorted(known))}}}"
-            for table, known in sorted(names.items())
+            f"{table}.{entries[0]}"
+            if len(entries) == 1
+            else f"{table}.{{{', '.join(sorted(entries))}}}"
+            for table, entries in sorted(names.items())
         ]
         files = [f"the {self.file}"] * bool(self.file)
         if len(self.settings) > self.MAX_LISTED:
@@ -295,7 +297,7 @@ class SetOption(GroupedOption):
                 settings[self.settings[key]] = _tuples(value)
                 continue
             if self.tables is None:
-                is_unknown = any(known.startswith(f"{names[0]}.") for known in self.settings)
+                is_unknown = any(setting.startswith(f"{names[0]}.") for setting in self.settings)
             else:
                 is_unknown = names[0] not in self.tables
             if is_unknown:
@@ -312,17 +314,17 @@ class SetOption(GroupedOption):
         from ...optics.toml_validation import did_you_mean
 
         key = ".".join(names)
-        known = [*sorted(self.settings), *(self.tables or ())]
-        same = [entry for entry in known if entry.startswith(f"{names[0]}.")]
-        valid = same or known
+        entries = [*sorted(self.settings), *(self.tables or ())]
+        same = [entry for entry in entries if entry.startswith(f"{names[0]}.")]
+        valid = same or entries
         if len(valid) > self.MAX_LISTED:
-            valid = list(dict.fromkeys(entry.partition(".")[0] for entry in known))
+            valid = list(dict.fromkeys(entry.partition(".")[0] for entry in entries))
         for parameter in ctx.command.params:
             if same and parameter.name == names[-1] and parameter.opts:
                 return click.BadParameter(
                     f"{key} is an option; use {max(parameter.opts, key=len)}", ctx, self
                 )
-        hint = did_you_mean(key, known) or did_you_mean(names[0], known)
+        hint = did_you_mean(key, entries) or did_you_mean(names[0], entries)
         return click.BadParameter(f"unknown entry {key}{hint}; use {', '.join(valid)}", ctx, self)
 
 
@@ -388,11 +390,11 @@ def _tuples(value: Any) -> Any:
 def _set_option(function: Any) -> SetOption:
     """Return the option ``--set`` of a decorated function; it is added if there is none."""
     parameters = function.__dict__.setdefault("__click_params__", [])
-    found = next((p for p in parameters if isinstance(p, SetOption)), None)
-    if found is None:
-        found = SetOption()
-        parameters.append(found)
-    return found
+    option = next((p for p in parameters if isinstance(p, SetOption)), None)
+    if option is None:
+        option = SetOption()
+        parameters.append(option)
+    return option
 
 
 def _setting_of(command: click.Command, option_name: str) -> str:

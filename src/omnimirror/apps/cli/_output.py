@@ -258,9 +258,9 @@ def print_rows(
     stream.flush()
 
 
-def print_notice(sentence: object) -> None:
+def print_notice(message: object) -> None:
     """Print a status message on standard error, even with ``--quiet``."""
-    click.echo(f"omnimirror: {terminal_text(str(sentence))}", err=True)
+    click.echo(f"omnimirror: {terminal_text(str(message))}", err=True)
 
 
 @contextmanager

@@ -212,13 +212,13 @@ def _signals() -> Iterator[None]:
         again.append(threading.Timer(RESEND_DELAY_S, os.kill, (os.getpid(), number)))
         again[-1].start()
 
-    def unraisable(lost: Any) -> None:
+    def unraisable(exception: Any) -> None:
         """Resend a signal whose exception Python could not raise, for example in a destructor."""
-        if isinstance(lost.exc_value, KeyboardInterrupt):
+        if isinstance(exception.exc_value, KeyboardInterrupt):
             stop.is_lost = True
             send_again(_number)
         else:
-            hook(lost)
+            hook(exception)
 
     stop = _Stop(send_again)
     for number, handler in before.items():

@@ -130,7 +130,7 @@ class ViewOptions(Options):
         other.
         """
         chosen = f"--view {self.name}"
-        owners = {f"--view {known}": names for known, names in VIEW_OPTIONS.items()} | {
+        owners = {f"--view {view}": names for view, names in VIEW_OPTIONS.items()} | {
             chosen: options_of(self.name)
         }
         refuse_inapplicable(self.given, owners, chosen)
@@ -185,8 +185,11 @@ def options_of(view: str) -> tuple[str, ...]:
     """
     if view in VIEW_OPTIONS:
         return VIEW_OPTIONS[view]
-    known = {f.name for f in fields(ViewOptions)} - {"view", "zoom"}
-    return (*(name for name in signature(views.VIEWS[view]).parameters if name in known), "zoom")
+    option_names = {f.name for f in fields(ViewOptions)} - {"view", "zoom"}
+    return (
+        *(name for name in signature(views.VIEWS[view]).parameters if name in option_names),
+        "zoom",
+    )
 
 
 def _create_view(name: str, camera: Camera, options: dict[str, Any]) -> Any:

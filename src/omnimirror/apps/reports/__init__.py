@@ -195,8 +195,10 @@ def _figures(sensor: Sensor, report: ProgressCallback) -> str:
             RENDERING_FRACTION + (1 - RENDERING_FRACTION) * i / len(FIGURES_SHOWN),
         )
         figure = draw(name, [sensor])
-        place = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
-        place.append(figure_html(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot"))
+        column = wide if figure.get_figwidth() > 1.5 * figure.get_figheight() else upright
+        column.append(
+            figure_html(render(figure, "svg"), "svg+xml", FIGURES[name].title, css="plot")
+        )
     return f'{"".join(wide)}<div class="columns">{"".join(upright)}</div>'
 
 

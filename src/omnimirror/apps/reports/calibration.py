@@ -190,7 +190,7 @@ def calibration_html(calibration: Calibration, command: str = "") -> str:
         numbers=_numbers(calibration),
         notes="".join(f"<p>{html_text(note)}</p>" for note in calibration.notes),
         coverage=drawn.pop("coverage"),
-        advice="".join(f"<p>{html_text(sentence)}</p>" for sentence in calibration.advice),
+        advice="".join(f"<p>{html_text(message)}</p>" for message in calibration.advice),
         residuals="".join(drawn.values()),
         candidates=_candidates(calibration),
         parameters=_parameters(calibration),
@@ -267,9 +267,9 @@ def _number(value: float) -> str:
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table; the first column contains text, and so does the last if it has no heading."""
-    words = {0, len(headings) - 1} if not headings[-1] else {0}
+    text_columns = {0, len(headings) - 1} if not headings[-1] else {0}
     styles = [
-        ' style="text-align: left; white-space: normal"' if i in words else ""
+        ' style="text-align: left; white-space: normal"' if i in text_columns else ""
         for i in range(len(headings))
     ]
     head = "".join(

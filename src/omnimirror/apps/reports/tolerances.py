@@ -195,7 +195,7 @@ def _numbers(order: _Order) -> str:
 
 def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
     """Return a row per error, in groups, the most expensive first."""
-    known, effects = error_sources(order.report.sensor), {row.name: row for row in order.effects}
+    sources, effects = error_sources(order.report.sensor), {row.name: row for row in order.effects}
     groups: dict[str, list[str]] = {}
     for name in sorted(order.tolerances.names, key=order.cost, reverse=True):
         if order.tolerances.errors[name].value > 0:
@@ -205,7 +205,7 @@ def _errors(order: _Order) -> Iterable[tuple[str, ...]]:
         for name in names:
             bound, kind, merits = (
                 order.tolerances.errors[name],
-                known.get(name, MEASURED),
+                sources.get(name, MEASURED),
                 effects[name].merits,
             )
             yield (
@@ -244,7 +244,9 @@ def indications(tolerances: Tolerances) -> list[tuple[str, str, str]]:
     named = {"mirror.vertex_radius_mm": "vertex radius, mm", "mirror.conic": "conic constant"}
     named |= {"mirror.displacement_mm": "distance from the lens, mm"}
     return rows + [
-        (words, f"± {values[name]:.3g}", name) for name, words in named.items() if name in values
+        (description, f"± {values[name]:.3g}", name)
+        for name, description in named.items()
+        if name in values
     ]
 
 
@@ -275,8 +277,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
                 f'<tr><th colspan="{len(head)}"><strong>{html_text(row[0].lstrip("*"))}</strong></th></tr>'
             )
             continue
-        words, _, small = row[0].partition("|")
-        first = html_text(words) + (f" <small>{html_text(small)}</small>" if small else "")
+        label, _, small = row[0].partition("|")
+        first = html_text(label) + (f" <small>{html_text(small)}</small>" if small else "")
         cells = "".join(f"<td>{html_text(cell)}</td>" for cell in row[1:])
         body.append(f"<tr><th>{first}</th>{cells}</tr>")
     names = "".join(f"<th>{html_text(name)}</th>" for name in head)

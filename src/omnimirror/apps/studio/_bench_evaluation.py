@@ -233,10 +233,10 @@ def _space_rays(sensor: Sensor, heights_px: Array, world: Array) -> Array:
     meridian."""
     turns = np.repeat(np.arange(TURNS) * 360 / TURNS, len(heights_px))
     azimuth = np.radians(sensor.mount.forward_azimuth_deg + turns)
-    places = np.tile(heights_px, TURNS)[:, None] * np.stack(
+    offsets_px = np.tile(heights_px, TURNS)[:, None] * np.stack(
         [np.cos(azimuth), np.sin(azimuth)], axis=-1
     )
-    pixels = sensor.image_plane.pixels(sensor.imager.pitch_mm * places)
+    pixels = sensor.image_plane.pixels(sensor.imager.pitch_mm * offsets_px)
     pixels[~inside_image(pixels, sensor.image_size)] = np.nan
     legs = _legs(sensor, pixels)
     wall, end, outside, is_hidden = _exit_points(sensor, legs, world)
@@ -292,9 +292,9 @@ def _exit_points(
     wall = np.full_like(points, np.nan)
     if shell is not None:
         visible = np.isfinite(points[:, 0]) & ~is_hidden
-        left = transmit_rays(shell, points[visible], towards[visible])
-        wall[visible], towards = left.points, towards.copy()
-        towards[visible] = left.directions
+        exits = transmit_rays(shell, points[visible], towards[visible])
+        wall[visible], towards = exits.points, towards.copy()
+        towards[visible] = exits.directions
     start, direction = (
         rotate_vectors(np.where(np.isfinite(wall), wall, points), world.T),
         rotate_vectors(towards, world.T),

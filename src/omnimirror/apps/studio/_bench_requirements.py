@@ -221,12 +221,12 @@ def _with(tables: dict[str, Any], path: tuple[str, ...], value: float) -> dict[s
     {'mirror': {'coefficients': [1.0, 3.0]}}
     """
     changed = deepcopy(tables)
-    place: Any = changed
+    table: Any = changed
     *way, last = path
     for step in way:
-        place = place.setdefault(step, {})
-    if isinstance(place, list):
-        place[int(last)] = value
+        table = table.setdefault(step, {})
+    if isinstance(table, list):
+        table[int(last)] = value
     else:
-        place[last] = value
+        table[last] = value
     return changed

@@ -55,7 +55,7 @@ def list_error_sources(message: ErrorSourcesRequest) -> ErrorSourceList:
     """Return the error sources of the sensor of given tables."""
     sensor = aligned_sensor(sensor_on_bench(message.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
-    known = tuple(
+    infos = tuple(
         ErrorSourceInfo(
             name=k.name,
             unit=k.unit,
@@ -66,7 +66,7 @@ def list_error_sources(message: ErrorSourcesRequest) -> ErrorSourceList:
         for k in kinds
     )
     return ErrorSourceList(
-        errors=known, calibrations=CALIBRATIONS, is_vectorised=is_vectorised(sensor)
+        errors=infos, calibrations=CALIBRATIONS, is_vectorised=is_vectorised(sensor)
     )
 
 
@@ -95,7 +95,7 @@ def built(message: AsBuiltRequest) -> bytes:
     merits, moved = evaluator.evaluate_with_motions(
         {name: np.array([0.0, value]) for name, value in values.items()}
     )
-    left = evaluator.compensators.left(np.nan_to_num(moved[1:]))[:, 0].reshape(
+    residuals = evaluator.compensators.left(np.nan_to_num(moved[1:]))[:, 0].reshape(
         len(CALIBRATIONS), 2, -1
     )
     of = {
@@ -121,7 +121,7 @@ def built(message: AsBuiltRequest) -> bytes:
         tables=_tables_of_built(nominal, message.values),
     )
     return framed(
-        header, evaluator.reference_px.T.astype("<f4").tobytes(), left.astype("<f4").tobytes()
+        header, evaluator.reference_px.T.astype("<f4").tobytes(), residuals.astype("<f4").tobytes()
     )
 
 

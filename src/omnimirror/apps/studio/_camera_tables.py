@@ -78,17 +78,17 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
     coarse = at(*(LATTICE_STEP * np.indices((cells + 1, cells + 1)).reshape(2, -1))).reshape(
         cells + 1, cells + 1, -1
     )
-    known: Mask = np.asarray(np.isfinite(coarse).all(axis=2))
-    parts = np.zeros(known.shape, np.intp) if part_of is None else part_of(coarse)
+    is_known: Mask = np.asarray(np.isfinite(coarse).all(axis=2))
+    parts = np.zeros(is_known.shape, np.intp) if part_of is None else part_of(coarse)
     of_cells = np.full((cells + 1, cells + 1, LATTICE_STEP, LATTICE_STEP, coarse.shape[2]), np.nan)
     done = np.zeros((cells, cells), np.bool_)
-    for part in sorted(set(parts[known].tolist())):
-        row, column, between = _interpolated(coarse, known & (parts == part), at)
+    for part in sorted(set(parts[is_known].tolist())):
+        row, column, between = _interpolated(coarse, is_known & (parts == part), at)
         of_cells[row, column], done[row, column] = between, True
     values = of_cells.swapaxes(1, 2).reshape(LATTICE_STEP * (cells + 1), -1, coarse.shape[2])[
         : len(side), : len(side)
     ]
-    mine = _nodes_of(_windows(np.logical_or, np.pad(known, 1), 4) & ~done)
+    mine = _nodes_of(_windows(np.logical_or, np.pad(is_known, 1), 4) & ~done)
     mine[::LATTICE_STEP, ::LATTICE_STEP] = False
     values[::LATTICE_STEP, ::LATTICE_STEP] = coarse
     row, column = np.nonzero(mine)
@@ -98,16 +98,16 @@ def lattice_of(exact: Exact, side: Array, part_of: PartOf | None = None) -> Arra
 
 
 def _interpolated(
-    coarse: Array, known: Mask, at: Callable[[Index, Index], Array]
+    coarse: Array, is_known: Mask, at: Callable[[Index, Index], Array]
 ) -> tuple[Index, Index, Array]:
     """Return rows and columns (c,) of smooth cells, from the mask of known coarse values (k, k, m),
     and interpolated values (c, STEP, STEP, m) of their nodes."""
-    filled = _filled(np.where(known[..., None], coarse, np.nan), TAPS, EDGE_NEIGHBOURS, TAPS - 2)
+    filled = _filled(np.where(is_known[..., None], coarse, np.nan), TAPS, EDGE_NEIGHBOURS, TAPS - 2)
     inside, smooth = (
         np.pad(_windows(np.logical_and, mask, TAPS), TAPS_BEFORE_CELL)
-        for mask in (known, np.isfinite(filled[..., 0]))
+        for mask in (is_known, np.isfinite(filled[..., 0]))
     )
-    row, column = np.nonzero(smooth & _windows(np.logical_and, known, 2))
+    row, column = np.nonzero(smooth & _windows(np.logical_and, is_known, 2))
     between = _between(filled, row, column)
     retained = _agree(row, column, between, inside, at)[row, column]
     return row[retained], column[retained], between[retained]
@@ -201,17 +201,17 @@ def continued(values: Array) -> Array:
 def _filled(values: Array, terms: int, ways: list[tuple[int, int]], layers: int) -> Array:
     """Extrapolate values (n, n, m) layer by layer with polynomials through ``terms`` collinear
     nodes."""
-    known: Mask = np.asarray(np.isfinite(values).all(axis=2))
+    is_known: Mask = np.asarray(np.isfinite(values).all(axis=2))
     for _ in range(layers):
-        beside = _windows(np.logical_or, np.pad(known, 1), 3)
-        row, column = np.nonzero(beside & ~known)
-        values[row, column] = added = _next(values, known, row, column, terms, ways)
-        known[row, column] = np.isfinite(added).all(axis=1)
+        beside = _windows(np.logical_or, np.pad(is_known, 1), 3)
+        row, column = np.nonzero(beside & ~is_known)
+        values[row, column] = added = _next(values, is_known, row, column, terms, ways)
+        is_known[row, column] = np.isfinite(added).all(axis=1)
     return values
 
 
 def _next(
-    values: Array, known: Mask, row: Index, column: Index, terms: int, ways: list[tuple[int, int]]
+    values: Array, mask: Mask, row: Index, column: Index, terms: int, ways: list[tuple[int, int]]
 ) -> Array:
     """Return values (k, m) of nodes: the known values, or the mean extrapolation along the given
     directions."""
@@ -219,7 +219,7 @@ def _next(
     ahead = [
         -comb(terms, k) * (-1) ** k for k in range(1, terms + 1)
     ]  # finite differences of order ``terms`` vanish
-    around = np.pad(known, terms)
+    around = np.pad(mask, terms)
     for dx, dy in ways:
         line = [(row + k * dy, column + k * dx) for k in range(1, terms + 1)]
         (inside,) = np.nonzero(
@@ -402,13 +402,13 @@ def _lattice_tables(camera: AnyCamera) -> CameraTables:
 def _within(limits: Array, margin: float, message: Exact) -> Exact:
     """Wrap a function to skip points (n, 2) farther than a margin outside the field boundary."""
 
-    def evaluated(places: Array) -> Array:
+    def evaluated(points: Array) -> Array:
         end = np.interp(
-            np.arctan2(*places.T[::-1]) % (2 * np.pi), _azimuths(), np.append(limits, limits[0])
+            np.arctan2(*points.T[::-1]) % (2 * np.pi), _azimuths(), np.append(limits, limits[0])
         )
-        near = np.hypot(*places.T) <= end + margin
-        answers = message(places[near])
-        values = np.full((len(places), answers.shape[1]), np.nan)
+        near = np.hypot(*points.T) <= end + margin
+        answers = message(points[near])
+        values = np.full((len(points), answers.shape[1]), np.nan)
         values[near] = answers
         return values
 
@@ -422,10 +422,10 @@ def _with_starts(camera: Sensor | ViewpointSpline, project: Exact) -> Exact:
     if isinstance(camera, Sensor) and not camera.is_axial and camera.secondary is None:
         return _traced_once(camera, axes)
 
-    def traced(places: Array) -> Array:
-        pixels = project(places)
+    def traced(points: Array) -> Array:
+        pixels = project(points)
         visible = np.isfinite(pixels[:, 0])
-        starts = np.full((len(places), 3), np.nan)
+        starts = np.full((len(points), 3), np.nan)
         starts[visible] = rotate_vectors(camera.backproject(pixels[visible]).origins, axes)
         return np.concatenate([pixels, starts], axis=1)
 
@@ -437,9 +437,9 @@ def _traced_once(sensor: Sensor, axes: Array) -> Exact:
     origin together."""
     train, rotation = sensor.optical_train, sensor.mount.rotation()
 
-    def traced(places: Array) -> Array:
-        values = np.full((len(places), 5), np.nan)
-        inside, directions = _directions_of(places, axes.T)
+    def traced(points: Array) -> Array:
+        values = np.full((len(points), 5), np.nan)
+        inside, directions = _directions_of(points, axes.T)
         image, start = train.image_and_start_of(
             RayEndpoints.of(rotate_vectors(directions, rotation), distant=True)
         )
@@ -466,20 +466,20 @@ def _projection(camera: AnyCamera) -> Exact:
     """Return a function of pixels (n, 2) of points (n, 2) in the disc; NaN outside the field."""
     frame = np.stack(frame_of(camera))
 
-    def project(places: Array) -> Array:
-        pixels = np.full((len(places), 2), np.nan)
-        inside, directions = _directions_of(places, frame)
+    def project(points: Array) -> Array:
+        pixels = np.full((len(points), 2), np.nan)
+        inside, directions = _directions_of(points, frame)
         pixels[inside] = camera.project_directions(directions).pixels
         return pixels
 
     return project
 
 
-def _directions_of(places: Array, frame: Array) -> tuple[NDArray[np.bool_], Array]:
+def _directions_of(points: Array, frame: Array) -> tuple[NDArray[np.bool_], Array]:
     """Return the mask of points (n, 2) inside the disc, and their directions (k, 3)."""
-    sine2 = np.einsum("ni,ni->n", places, places)  # sin^2 of half the angle
+    sine2 = np.einsum("ni,ni->n", points, points)  # sin^2 of half the angle
     inside = sine2 <= 1
-    across = 2 * np.sqrt(1 - sine2[inside, None]) * places[inside]
+    across = 2 * np.sqrt(1 - sine2[inside, None]) * points[inside]
     return inside, np.concatenate([1 - 2 * sine2[inside, None], across], axis=1) @ frame
 
 
@@ -492,9 +492,9 @@ def _limits(project: Exact) -> Array:
     """
     phi = _azimuths()[:-1]
     few = _narrowed(project, phi[:: LIMITS // BOUNDARY_AZIMUTHS], np.zeros(BOUNDARY_AZIMUTHS), 1.0)
-    places = TAPS // 2 - 1 + np.arange(0.0, 1.0, BOUNDARY_AZIMUTHS / LIMITS)
+    nodes = TAPS // 2 - 1 + np.arange(0.0, 1.0, BOUNDARY_AZIMUTHS / LIMITS)
     beside = np.stack([np.roll(few, TAPS // 2 - 1 - k) for k in range(TAPS)], axis=1)
-    estimate = (beside @ weights_between(places, np.zeros(len(places), int)).T).ravel()
+    estimate = (beside @ weights_between(nodes, np.zeros(len(nodes), int)).T).ravel()
     ends, unknown = np.zeros(LIMITS), np.arange(LIMITS)
     for near in BRACKET_HALF_WIDTHS:
         inner, outer = estimate[unknown] - near, np.minimum(estimate[unknown] + near, 1.0)

@@ -79,8 +79,8 @@ class Cameras:
     def entries(self) -> list[SensorEntry]:
         """Return all selectable cameras."""
         ball = [] if any(k.startswith("ball:") for k in self._given) else [ball_of(BALL_FIELD_DEG)]
-        known = [*self._given.values(), *self._bundled.values(), *ball, *self._uploaded.values()]
-        return [k.entry for k in known]
+        cameras = [*self._given.values(), *self._bundled.values(), *ball, *self._uploaded.values()]
+        return [k.entry for k in cameras]
 
     def find(self, id: str) -> NamedCamera:
         """Return a camera by name.
@@ -108,12 +108,12 @@ class Cameras:
             If the file is unknown or invalid; the message contains the position and the valid
             values.
         """
-        known = read_calibration(name, data, optics)
-        self._uploaded[known.id] = known
-        self._uploaded.move_to_end(known.id)
+        camera = read_calibration(name, data, optics)
+        self._uploaded[camera.id] = camera
+        self._uploaded.move_to_end(camera.id)
         while len(self._uploaded) > MAX_UPLOADED:
             self._uploaded.popitem(last=False)
-        return known
+        return camera
 
     def file_of(self, requested: SensorFileRequest) -> str:
         """Return the sensor file of a sensor with its image circle fitted to an image.

@@ -126,12 +126,12 @@ def restore_image(
     )
     distance = np.inf if message.object_distance_mm is None else message.object_distance_mm
     restorer = Restorer.of_exposure(sensor, exposure_of(metadata.exif), distance)
-    restored, words = restorer.reported(eight_bits(pixels))
-    return encoded(restored, ".png"), words
+    restored, report = restorer.reported(eight_bits(pixels))
+    return encoded(restored, ".png"), report
 
 
 @lru_cache(maxsize=8)
-def render_room(known: NamedCamera) -> bytes:
+def render_room(named_camera: NamedCamera) -> bytes:
     """Render the image of a room by a camera.
 
     Raises
@@ -142,14 +142,14 @@ def render_room(known: NamedCamera) -> bytes:
     from ...simulation.rendering import SHOWN_SAMPLES, render_image
     from ...simulation.scenes.room import Room
 
-    width, height = known.camera.image_size
+    width, height = named_camera.camera.image_size
     if width * height > MAX_PIXELS:
         raise OmnimirrorError(
-            f"the image of {known.name} must have at most {MAX_PIXELS // 10**6} million "
+            f"the image of {named_camera.name} must have at most {MAX_PIXELS // 10**6} million "
             f"pixels; got {width} x {height} px; omnimirror simulate supports larger "
             "images"
         )
-    return encoded(render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".png")
+    return encoded(render_image(named_camera.camera, Room(), samples=SHOWN_SAMPLES), ".png")
 
 
 # -- Routes ----------------------------------------------------------------------------------------
@@ -185,18 +185,18 @@ def _add_cameras(app: FastAPI, cameras: Cameras) -> None:
     @app.get("/api/camera")
     def camera(message: Annotated[CameraRequest, Query()]) -> CameraInfo:
         """Return a camera with its own or the requested mount."""
-        known = _known(cameras, message.id)
-        mount = known.entry.mount.model_dump() | message.model_dump(
+        named_camera = _known(cameras, message.id)
+        mount = named_camera.entry.mount.model_dump() | message.model_dump(
             exclude={"id"}, exclude_none=True
         )
-        return known.model(Mount(**mount))
+        return named_camera.model(Mount(**mount))
 
     @app.get("/api/camera/tables", response_class=Response, responses={200: BYTES})
     def tables(id: str, image_flipped: bool | None = None) -> Response:
         """Return the tables of a camera as little-endian float32; they do not depend on the mount."""
-        known = _known(cameras, id)
-        flipped = known.entry.mount.image_flipped if image_flipped is None else image_flipped
-        standing = known.standing(Mount(image_flipped=flipped))
+        named_camera = _known(cameras, id)
+        flipped = named_camera.entry.mount.image_flipped if image_flipped is None else image_flipped
+        standing = named_camera.standing(Mount(image_flipped=flipped))
         return Response(
             camera_tables(standing).values.astype("<f4").tobytes(),
             media_type="application/octet-stream",
@@ -225,8 +225,8 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/room", response_class=Response, responses={200: PNG})
     async def room(id: str) -> Response:
         """Return the rendered image of a room by a camera."""
-        known = _known(studio.cameras, id)
-        return _png(await studio.simulated.run(known, lambda: render_room(known)))
+        named_camera = _known(studio.cameras, id)
+        return _png(await studio.simulated.run(named_camera, lambda: render_room(named_camera)))
 
     @app.get("/api/image", response_class=Response, responses={200: PNG})
     async def source_image(id: str) -> Response:
@@ -278,10 +278,10 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         message, image = unframed(await uploaded_file(request), RestoreRequest)
         _known(studio.cameras, message.id)
         sensor = studio.cameras.fitted(message)
-        data, words = await studio.simulated.run(
+        data, report = await studio.simulated.run(
             request, lambda: restore_image(sensor, message, image, is_stored)
         )
-        return Response(data, media_type="image/png", headers={NOTE: words})
+        return Response(data, media_type="image/png", headers={NOTE: report})
 
 
 def _add_streams(app: FastAPI, studio: Studio) -> None:

@@ -76,8 +76,8 @@ def _optimise(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None
     def on_run(progress: Progress) -> None:
         nonlocal steps
         steps += 1
-        words = f"start {progress.run + 1} of {progress.runs}, step {steps}"
-        on_progress(_news("running", words, progress.run / progress.runs, progress.value))
+        description = f"start {progress.run + 1} of {progress.runs}, step {steps}"
+        on_progress(_news("running", description, progress.run / progress.runs, progress.value))
 
     solution = design_sensor(
         optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=on_run)
@@ -100,10 +100,12 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
             "requirements; add [mirror] to the requirement file"
         )
     requested = requirements_for(task.requirements, aligned_sensor(sensor))
-    solution = design_sensor(requested, lambda words: on_progress(_news("running", words)))
+    solution = design_sensor(requested, lambda message: on_progress(_news("running", message)))
     missed = [row.label for row in solution.rows if not row.is_met]
-    words = f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."
-    on_progress(_news("done", words, 1.0, None, solution.sensor))
+    message = (
+        f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."
+    )
+    on_progress(_news("done", message, 1.0, None, solution.sensor))
 
 
 def _news(

@@ -65,10 +65,10 @@ class Sources:
     def __init__(
         self, names: Sequence[str] = (), folders: Iterable[Path] = (), live: Container[str] = ()
     ) -> None:
-        places = list(dict.fromkeys(names))
-        ids = ["source", *(f"source-{number}" for number in range(2, len(places) + 1))]
+        unique_names = list(dict.fromkeys(names))
+        ids = ["source", *(f"source-{number}" for number in range(2, len(unique_names) + 1))]
         self.given = [
-            _listed(id, place, place in live) for id, place in zip(ids, places, strict=False)
+            _listed(id, name, name in live) for id, name in zip(ids, unique_names, strict=False)
         ]
         self._folders = [folder.resolve() for folder in folders]
 
@@ -109,14 +109,14 @@ def kind_of_file(path: Path) -> Literal["image", "video"] | None:
     return "image" if suffix in IMAGE_SUFFIXES else "video" if suffix in VIDEO_SUFFIXES else None
 
 
-def _listed(id: str, place: str, is_live: bool) -> ListedSource:
+def _listed(id: str, name: str, is_live: bool) -> ListedSource:
     if is_live:
         from ...io.live_sources import resolve_source, without_credentials
 
-        resolve_source(place)
-        return ListedSource(id, without_credentials(place), "live", place)
-    path = Path(place)
-    return ListedSource(id, path.name, kind_of_file(path) or "image", place)
+        resolve_source(name)
+        return ListedSource(id, without_credentials(name), "live", name)
+    path = Path(name)
+    return ListedSource(id, path.name, kind_of_file(path) or "image", name)
 
 
 # -- Streams ---------------------------------------------------------------------------------------
@@ -195,13 +195,13 @@ class Stream:
         except OmnimirrorError as e:
             self._notify(None, "ended", str(e))
 
-    def _report(self, sentence: str) -> None:
-        self._notify(None, "playing" if " is reconnected " in sentence else "lost", sentence)
+    def _report(self, message: str) -> None:
+        self._notify(None, "playing" if " is reconnected " in message else "lost", message)
 
-    def _notify(self, jpeg: bytes | None, state: State, sentence: str) -> None:
+    def _notify(self, jpeg: bytes | None, state: State, message: str) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(
-                self._publish, jpeg, StreamState(state=state, message=sentence)
+                self._publish, jpeg, StreamState(state=state, message=message)
             )
 
     def _publish(self, jpeg: bytes | None, state: StreamState) -> None:
@@ -226,7 +226,7 @@ class Streams:
     def __init__(
         self,
         stored_orientation: bool = False,
-        on_note: Callable[[str], None] = lambda sentence: None,
+        on_note: Callable[[str], None] = lambda message: None,
     ) -> None:
         self._options = stored_orientation, on_note
         self._running: dict[str, Stream] = {}
@@ -288,7 +288,7 @@ class Studio:
     hosts: tuple[str, ...] = ()
     token: str | None = None
     stored_orientation: bool = False
-    on_note: Callable[[str], None] = lambda sentence: None
+    on_note: Callable[[str], None] = lambda message: None
 
     def __post_init__(self) -> None:
         self.cameras = Cameras(self.given)

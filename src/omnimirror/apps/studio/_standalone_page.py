@@ -56,19 +56,19 @@ def bench_alone() -> StandaloneBench:
     ['perspective', 'orthographic']
     """
     start = bench_start()
-    known = {
+    sensors_by_name = {
         name: sensor for name in start.sensors if is_known(sensor := on_bench(load_sensor(name)))
     }
     parts = {
         "mirrors": tuple(part for part in start.mirrors if part.kind in MIRRORS),
         "lenses": tuple(_bare_lens(part) for part in start.lenses if part.kind in LENSES),
         "secondaries": (),
-        "sensors": tuple(known),
+        "sensors": tuple(sensors_by_name),
     }
     only = start.model_copy(update=parts)
     return StandaloneBench(
         start=only,
-        sensors=tuple(known.values()),
+        sensors=tuple(sensors_by_name.values()),
         search=tuple(map(float, FOCUS_SEARCH)),
         kernel=b64encode(KERNEL.read_bytes()).decode(),
         script=script_text("design.js"),
@@ -134,12 +134,12 @@ def standalone_page(
     >>> from pathlib import Path
     >>> _ = Path("look.html").write_text(standalone_page(["paper-spherical"]), encoding="utf-8")  # doctest: +SKIP
     """
-    known = _symmetric_cameras(sensors)
+    named_cameras = _symmetric_cameras(sensors)
     cameras = []
-    for number, each in enumerate(known):
+    for number, each in enumerate(named_cameras):
         cameras.append(_standalone_camera(each))
         if progress is not None:
-            progress(number + 1, len(known))
+            progress(number + 1, len(named_cameras))
     return page_with_messages(
         alone=StandalonePage(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone()
     )
@@ -150,29 +150,32 @@ def _symmetric_cameras(sensors: Sequence[str] | None) -> list[NamedCamera]:
     cameras = Cameras()
     everything = [*(entry.id for entry in cameras.entries()), *BALLS]
     try:
-        known = [cameras.find(name) for name in (everything if sensors is None else sensors)]
+        named_cameras = [
+            cameras.find(name) for name in (everything if sensors is None else sensors)
+        ]
     except KeyError as e:
         raise InvalidParameter(
             f"sensors must contain names from {', '.join(everything)}; got {e.args[0]!r}"
         ) from None
-    return [each for each in known if each.camera.symmetry is not None]
+    return [each for each in named_cameras if each.camera.symmetry is not None]
 
 
-def _standalone_camera(known: NamedCamera) -> StandaloneCamera:
+def _standalone_camera(named_camera: NamedCamera) -> StandaloneCamera:
     ways = product(get_args(CameraLooks), (False, True))
-    is_ball = known.entry.kind == "ball"
+    is_ball = named_camera.entry.kind == "ball"
     room = (
         b""
         if is_ball
         else encoded(
-            render_image(known.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY
+            render_image(named_camera.camera, Room(), samples=SHOWN_SAMPLES), ".jpg", JPEG_QUALITY
         )
     )
     return StandaloneCamera(
-        entry=known.entry,
+        entry=named_camera.entry,
         untilted=tuple(
-            known.model(Mount(orientation, image_flipped=flipped)) for orientation, flipped in ways
+            named_camera.model(Mount(orientation, image_flipped=flipped))
+            for orientation, flipped in ways
         ),
-        tables=base64_of(camera_tables(known.camera).values.astype("<f4").tobytes()),
+        tables=base64_of(camera_tables(named_camera.camera).values.astype("<f4").tobytes()),
         room=inside(room, "image/jpeg") if room else "",
     )

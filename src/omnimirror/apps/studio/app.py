@@ -99,9 +99,9 @@ def api(studio: Studio) -> FastAPI:
     return app
 
 
-def _problem(status: int, sentence: str) -> Response:
+def _problem(status: int, message: str) -> Response:
     return Response(
-        Problem(detail=sentence).model_dump_json(), status, media_type="application/json"
+        Problem(detail=message).model_dump_json(), status, media_type="application/json"
     )
 
 

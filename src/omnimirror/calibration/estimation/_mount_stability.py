@@ -99,10 +99,10 @@ def check_mount_stability(adjustment: BundleAdjustment) -> dict[str, str]:
     raise InvalidParameter(reason(GROUPS, adjustment, smaller, distance, larger))
 
 
-def reason(sentence: str, adjustment: BundleAdjustment, *values: object) -> str:
-    """Return a sentence about different centres, for a mirror or for a fisheye."""
+def reason(message: str, adjustment: BundleAdjustment, *values: object) -> str:
+    """Return the message about different centres, for a mirror or for a fisheye."""
     optics = getattr(adjustment.model, "optics", "mirror")
-    return sentence.format(*values, centre=CENTRE[optics], moved=MOVED[optics])
+    return message.format(*values, centre=CENTRE[optics], moved=MOVED[optics])
 
 
 def flipped_images(adjustment: BundleAdjustment) -> dict[str, str]:

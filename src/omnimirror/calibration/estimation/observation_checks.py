@@ -37,10 +37,10 @@ def joined_names(names: Sequence[str]) -> str:
     >>> joined_names(["a", "b", "c"]), joined_names([str(i) for i in range(9)])
     ('a, b and c', '0, 1, 2, 3, 4, 5 and 3 more')
     """
-    shown = list(names[:MAX_NAMED])
+    listed = list(names[:MAX_NAMED])
     if len(names) > MAX_NAMED:
-        shown.append(f"{len(names) - MAX_NAMED} more")
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+        listed.append(f"{len(names) - MAX_NAMED} more")
+    return listed[0] if len(listed) == 1 else f"{', '.join(listed[:-1])} and {listed[-1]}"
 
 
 def check_detections(

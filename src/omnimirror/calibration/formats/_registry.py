@@ -191,9 +191,9 @@ def _recognise(file: CameraFile) -> str:
         )
     if file.problem:
         raise file.problem
-    known = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
+    formats = "; ".join(f"{name} ({kind.title})" for name, kind in FORMATS.items())
     raise SpecError(
-        f"{file.source} is not recognised as a camera file; specify its format, one of {known}"
+        f"{file.source} is not recognised as a camera file; specify its format, one of {formats}"
     )
 
 
@@ -240,23 +240,23 @@ def output_layouts(path: str | Path, to: str | None) -> list[OutputLayout]:
     """
     named = {t.name: t for t in _all_targets()}
     writable = [name for name, kind in FORMATS.items() if kind.layouts]
-    known = ", ".join(dict.fromkeys([*writable, *named]))
+    layouts = ", ".join(dict.fromkeys([*writable, *named]))
     if to is not None:
         if not isinstance(to, str):
             raise InvalidType(
-                f"to must be the name of a format, one of {known}; got {format_value(to)}"
+                f"to must be the name of a format, one of {layouts}; got {format_value(to)}"
             )
         if to in named and to not in FORMATS:
             return [named[to]]
         if to in writable:
             return _layouts_for_path(FORMATS[to], path)
         read_only = ", a format that is supported for reading only" if to in FORMATS else ""
-        raise InvalidParameter(f"to must be one of {known}; got {format_value(to)}{read_only}")
+        raise InvalidParameter(f"to must be one of {layouts}; got {format_value(to)}{read_only}")
     for kind in FORMATS.values():
         if any(fnmatch(Path(path).name.lower(), pattern) for pattern in kind.names):
             return _layouts_for_path(kind, path)
     raise InvalidParameter(
-        f"the format of {Path(path).name} cannot be inferred from its name; specify to, one of {known}"
+        f"the format of {Path(path).name} cannot be inferred from its name; specify to, one of {layouts}"
     )
 
 

@@ -200,8 +200,8 @@ def _mapping_coefficients(entry: Node, *counts: int) -> tuple[float, ...]:
     """Return coefficients a0, ... of a file whose third axis points towards the scene: a0 > 0."""
     numbers = entry.numbers(*counts)
     if not (numbers and numbers[0] > 0):
-        got = f"{numbers[0]:g}" if numbers else "none"
-        entry.fail(f"must begin with a positive number, f(0) > 0; got {got}")
+        value = f"{numbers[0]:g}" if numbers else "none"
+        entry.fail(f"must begin with a positive number, f(0) > 0; got {value}")
     return numbers
 
 

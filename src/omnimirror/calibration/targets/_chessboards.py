@@ -108,8 +108,8 @@ def find_seeds(image: Grey) -> list[LatticePart]:
         if used_indices & set(indices.tolist()):
             continue
         used_indices |= set(indices.tolist())
-        places = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2]), axis=-1).reshape(-1, 2)
-        part = coloured(image, places, corners.pixels[indices])
+        grid = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2]), axis=-1).reshape(-1, 2)
+        part = coloured(image, grid, corners.pixels[indices])
         if len(part.places) >= MIN_OF_SEED:
             seeds.append(part)
         if len(seeds) == MAX_SEEDS_FOUND:
@@ -318,10 +318,10 @@ def _grown_parts(
 
 def _at_full_size(image: Grey, part: LatticePart, scale: float) -> LatticePart:
     """Refine the corners of a lattice in images of doubling size, up to the full image."""
-    places, pixels = part.places.astype(float), unscaled_px(part.pixels, scale)
+    indices, pixels = part.places.astype(float), unscaled_px(part.pixels, scale)
     for larger in upwards(scale):
         scaled_pixels = (pixels + 0.5) * larger - 0.5
-        maps = maps_about(places, scaled_pixels, places)._replace(pixels=scaled_pixels)
+        maps = maps_about(indices, scaled_pixels, indices)._replace(pixels=scaled_pixels)
         fitted = fit_saddles(scaled(image, larger), maps, CHECKER, is_quick=True)
         is_near = np.linalg.norm(fitted.pixels - scaled_pixels, axis=1) < 0.3 * maps.spacing()
         pixels = unscaled_px(np.where(is_near[:, None], fitted.pixels, scaled_pixels), larger)
@@ -357,11 +357,11 @@ def ordered(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array, b
     upper left of the image.
     """
     columns, rows = board.lattice_size
-    places = part.places - part.places.min(axis=0)
-    extent = places.max(axis=0)
+    indices = part.places - part.places.min(axis=0)
+    extent = indices.max(axis=0)
     options = []
     for turn in range(4):
-        x, y = places[:, 0], places[:, 1]
+        x, y = indices[:, 0], indices[:, 1]
         rotated = [(x, y), (y, extent[0] - x), (extent[0] - x, extent[1] - y), (extent[1] - y, x)][
             turn
         ]
@@ -385,19 +385,21 @@ def placed(part: LatticePart, board: Board) -> tuple[NDArray[np.int_], Array] | 
     absorbs the difference.
     """
     columns, rows = board.lattice_size
-    places = part.places - part.places.min(axis=0)
+    indices = part.places - part.places.min(axis=0)
     width, height = part.size
     is_rotated = width > columns or height > rows
     if is_rotated:  # rotation by 90 deg, still clockwise
-        places = np.stack([places[:, 1], width - 1 - places[:, 0]], axis=1)
+        indices = np.stack([indices[:, 1], width - 1 - indices[:, 0]], axis=1)
         width, height = height, width
     if width > columns or height > rows or min(width, height) < 3:
         return None
     corner = np.array([(columns - width) // 2, (rows - height) // 2])
-    places = places + corner
-    first = part.polarity * (1 - 2 * (int(part.places[0].sum() + places[0].sum() + is_rotated) % 2))
+    indices = indices + corner
+    first = part.polarity * (
+        1 - 2 * (int(part.places[0].sum() + indices[0].sum() + is_rotated) % 2)
+    )
     if first > 0 and not board.is_symmetric:  # black square first
-        places = np.array([columns - 1, rows - 1]) - places
-    ids = places[:, 1] * columns + places[:, 0]
+        indices = np.array([columns - 1, rows - 1]) - indices
+    ids = indices[:, 1] * columns + indices[:, 0]
     order = np.argsort(ids)
     return ids[order], part.pixels[order]

@@ -67,13 +67,18 @@ class LocalMaps(NamedTuple):
 
 
 def maps_about(
-    places: Array, pixels: Array, centres: Array, *, leave_out: bool = False, reach: float = REACH
+    positions: Array,
+    pixels: Array,
+    centres: Array,
+    *,
+    leave_out: bool = False,
+    reach: float = REACH,
 ) -> LocalMaps:
     """Fit local maps around points of the board by weighted least squares.
 
     Parameters
     ----------
-    places : (k, 2)
+    positions : (k, 2)
         Known corners on the board, in units of about their spacing.
     pixels : (k, 2)
         Known corners in the image.
@@ -84,7 +89,7 @@ def maps_about(
     reach
         Standard deviation of the weights, in the same units.
     """
-    offsets = places[None] - centres[:, None]
+    offsets = positions[None] - centres[:, None]
     squares = np.sum(offsets**2, axis=2)
     weights = np.exp(-squares / (2 * reach**2))
     weights[squares > (3.2 * reach) ** 2] = 0.0
@@ -220,10 +225,12 @@ def _fit(
     values = image[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)].astype(float)
     pixels = maps.pixels.copy()
     for _ in range(1 if is_quick else 2):  # second pass centred on the fitted corner
-        places, inverse = inverted(maps._replace(pixels=pixels), u.astype(float), v.astype(float))
+        positions, inverse = inverted(
+            maps._replace(pixels=pixels), u.astype(float), v.astype(float)
+        )
         offsets = np.stack([u - pixels[:, :1], v - pixels[:, 1:]])
-        is_used = inside & _in_window(places, offsets, window, maps.spacing()[:, None])
-        fit = _Fit(*_packed(is_used, places, inverse, offsets, values))
+        is_used = inside & _in_window(positions, offsets, window, maps.spacing()[:, None])
+        fit = _Fit(*_packed(is_used, positions, inverse, offsets, values))
         terms, sigma, rms = fit.run(STEPS // 2 if is_quick else STEPS)
         pixels = pixels + terms[:, 4:6]
     contrast = terms[:, 3]
@@ -233,14 +240,14 @@ def _fit(
 
 
 def _in_window(
-    places: Array, offsets: Array, window: CornerWindow, spacing: Array
+    positions: Array, offsets: Array, window: CornerWindow, spacing: Array
 ) -> NDArray[np.bool_]:
     """Return the mask of pixels within the square of the board and a distance limit.
 
     For tiny squares, a minimum number of pixels is included.
     """
     squared_distances = offsets[0] ** 2 + offsets[1] ** 2
-    x, y = np.abs(places)
+    x, y = np.abs(positions)
     is_inside = (np.maximum(x, y) < window.half) & (squared_distances < LARGEST_WINDOW_PX**2)
     if np.isfinite(window.arm):
         is_inside &= np.minimum(x, y) < np.maximum(window.arm - MARGIN_PX / spacing, window.arm / 3)
@@ -261,10 +268,10 @@ class _Fit:
     """
 
     def __init__(
-        self, places: Array, back: Array, offsets: Array, values: Array, weights: Array
+        self, positions: Array, back: Array, offsets: Array, values: Array, weights: Array
     ) -> None:
         lengths = np.hypot(back[:, 0], back[:, 1])
-        self.distances = places / lengths  # (2, m, n): from both edges, px
+        self.distances = positions / lengths  # (2, m, n): from both edges, px
         self.normals = back / lengths[:, None]  # (2, 2, m, n)
         self.offsets, self.values, self.weights = offsets, values, weights
         self.count = weights.sum(axis=1)
@@ -358,12 +365,12 @@ OUTLYING = 5.0  # standard deviations (of a coordinate) above which a corner is 
 SCATTER_PASSES = 3
 
 
-def lattice_scale(places: Array, pixels: Array, sigma_px: Array) -> float:
+def lattice_scale(positions: Array, pixels: Array, sigma_px: Array) -> float:
     """Return the scale factor for standard deviations of corners.
 
     Parameters
     ----------
-    places : (n, 2)
+    positions : (n, 2)
         Corner positions on the board, in any unit.
     pixels : (n, 2)
         Corner positions in the image.
@@ -377,16 +384,17 @@ def lattice_scale(places: Array, pixels: Array, sigma_px: Array) -> float:
 
     Examples
     --------
-    >>> places = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), axis=-1).reshape(-1, 2)
-    >>> noise = np.random.default_rng(0).normal(0, 0.05, places.shape)
-    >>> scale = lattice_scale(places, 30 * places + 0.2 * places**2 + noise, np.full(len(places), 0.01))
+    >>> positions = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), axis=-1).reshape(-1, 2)
+    >>> noise = np.random.default_rng(0).normal(0, 0.05, positions.shape)
+    >>> pixels = 30 * positions + 0.2 * positions**2 + noise
+    >>> scale = lattice_scale(positions, pixels, np.full(len(positions), 0.01))
     >>> 4 < scale < 6
     True
     """
-    is_inlier = np.ones(len(places), dtype=bool)
+    is_inlier = np.ones(len(positions), dtype=bool)
     scale = 1.0
     for _ in range(SCATTER_PASSES):
-        fitted = _best_fit(places[is_inlier], pixels[is_inlier], sigma_px[is_inlier])
+        fitted = _best_fit(positions[is_inlier], pixels[is_inlier], sigma_px[is_inlier])
         if fitted is None:
             break
         scale, residuals = fitted
@@ -397,10 +405,10 @@ def lattice_scale(places: Array, pixels: Array, sigma_px: Array) -> float:
     return scale
 
 
-def _best_fit(places: Array, pixels: Array, sigma_px: Array) -> tuple[float, Array] | None:
+def _best_fit(positions: Array, pixels: Array, sigma_px: Array) -> tuple[float, Array] | None:
     """Return scale and residuals (n, 2) of the best degree; None for too few corners."""
     best: tuple[float, Array] | None = None
-    base = _in_perspective(places, pixels)
+    base = _in_perspective(positions, pixels)
     weights = 1 / sigma_px[:, None]
     for degree in DEGREES:
         basis = _polynomials(base, degree)
@@ -417,14 +425,14 @@ def _best_fit(places: Array, pixels: Array, sigma_px: Array) -> tuple[float, Arr
     return best
 
 
-def _in_perspective(places: Array, pixels: Array) -> Array:
-    """Return places (n, 2) after a homography to the image; unchanged if it is degenerate."""
-    matrix: Any = cv2.findHomography(places, pixels)[0]
+def _in_perspective(positions: Array, pixels: Array) -> Array:
+    """Return positions (n, 2) after a homography to the image; unchanged if it is degenerate."""
+    matrix: Any = cv2.findHomography(positions, pixels)[0]
     if matrix is None:  # for collinear corners, despite OpenCV's stubs
-        return places
-    mapped = np.column_stack([places, np.ones(len(places))]) @ matrix.T
+        return positions
+    mapped = np.column_stack([positions, np.ones(len(positions))]) @ matrix.T
     depths = mapped[:, 2:]
-    return np.asarray(mapped[:, :2] / depths) if depths.min() > 0 or depths.max() < 0 else places
+    return np.asarray(mapped[:, :2] / depths) if depths.min() > 0 or depths.max() < 0 else positions
 
 
 def _polynomials(points: Array, degree: int) -> Array:
@@ -521,9 +529,9 @@ def refine_corners(
     if not detection.found:
         return detection
     ids, pixels = detection.ids, detection.corners_px.astype(float)
-    places = board.points_mm[:, :2] / board.square_mm
+    positions = board.points_mm[:, :2] / board.square_mm
     for _ in range(passes):
-        maps = maps_about(places[ids], pixels, places[ids])
+        maps = maps_about(positions[ids], pixels, positions[ids])
         fit = fit_saddles(values, maps._replace(pixels=pixels), board.surroundings)
         displacement = np.linalg.norm(fit.pixels - pixels, axis=1)
         worst_fit = min(WORST_FIT, max(ODD_FIT * float(np.median(fit.misfit)), MIN_ODD_FIT))
@@ -545,7 +553,7 @@ def refine_corners(
         np.hypot(fit.sigma_px[is_valid], MODEL_PX),
         float(np.median(fit.blur_px[is_valid])),
     )
-    sigma = sigma * lattice_scale(places[ids], pixels, sigma)
+    sigma = sigma * lattice_scale(positions[ids], pixels, sigma)
     side = maps.spacing()[is_valid]  # large blur shifts neighbouring corners equally
     sigma = np.hypot(sigma, SMOOTH_PX + BLUR_BIAS * side * (fit.blur_px[is_valid] / side) ** 4)
     return replace(detection, ids=ids, corners_px=pixels, sigma_px=sigma, blur_px=blur)

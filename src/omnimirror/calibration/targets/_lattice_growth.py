@@ -201,13 +201,13 @@ def grown(
         if not len(candidates):
             break
         is_confirmed, pixels = _verified_neighbours(image, part, candidates)
-        for place in map(tuple, candidates[~is_confirmed]):
-            rejected[place] = len(part.places)
+        for index in map(tuple, candidates[~is_confirmed]):
+            rejected[index] = len(part.places)
         if not is_confirmed.any():
             break
-        places = np.concatenate([part.places, candidates[is_confirmed]])
+        indices = np.concatenate([part.places, candidates[is_confirmed]])
         part = _without_strays(
-            LatticePart(places, np.concatenate([part.pixels, pixels[is_confirmed]]), part.polarity)
+            LatticePart(indices, np.concatenate([part.pixels, pixels[is_confirmed]]), part.polarity)
         )
     return part
 
@@ -215,23 +215,23 @@ def grown(
 def _neighbours(
     part: LatticePart, largest: tuple[int, int], rejected: dict[tuple[int, int], int]
 ) -> Places:
-    """Return places adjacent to known corners, except those recently rejected."""
-    known = set(map(tuple, part.places))
+    """Return lattice indices adjacent to known corners, except those recently rejected."""
+    occupied = set(map(tuple, part.places))
     low, high = part.places.min(axis=0), part.places.max(axis=0)
     sides = sorted(high - low + 1)
     candidates = set()
     for step in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-        for place in map(tuple, part.places + step):
-            if place in known or len(known) < 1.15 * rejected.get(place, 0):
+        for index in map(tuple, part.places + step):
+            if index in occupied or len(occupied) < 1.15 * rejected.get(index, 0):
                 continue
             extents = [
                 max(last, p) - min(first, p) + 1
-                for p, first, last in zip(place, low, high, strict=True)
+                for p, first, last in zip(index, low, high, strict=True)
             ]
             if sorted(extents) == sides or (
                 max(extents) <= largest[0] and min(extents) <= largest[1]
             ):
-                candidates.add(place)
+                candidates.add(index)
     return np.array(sorted(candidates), dtype=int).reshape(-1, 2)
 
 
@@ -380,9 +380,9 @@ def surroundings(image: Grey, part: LatticePart) -> BoardSurroundings:
     )
 
 
-def _contrast_inside(image: Grey, part: LatticePart, places: Places) -> Array:
-    """Return the contrast (m,) of the corners of a lattice that are nearest to places (m, 2)."""
-    nearest = np.abs(places[:, None] - part.places).sum(axis=2).argmin(axis=1)
+def _contrast_inside(image: Grey, part: LatticePart, indices: Places) -> Array:
+    """Return the contrast (m,) of the corners of a lattice that are nearest to indices (m, 2)."""
+    nearest = np.abs(indices[:, None] - part.places).sum(axis=2).argmin(axis=1)
     places_of_part = part.places.astype(float)
     maps = maps_about(places_of_part, part.pixels, places_of_part[nearest])._replace(
         pixels=part.pixels[nearest]
@@ -396,8 +396,8 @@ def _without_strays(part: LatticePart) -> LatticePart:
     """Remove corners that are inconsistent with their neighbours."""
     if len(part.places) < 12:
         return part
-    places = part.places.astype(float)
-    maps = maps_about(places, part.pixels, places, leave_out=True)
+    indices = part.places.astype(float)
+    maps = maps_about(indices, part.pixels, indices, leave_out=True)
     deviations = np.linalg.norm(maps.pixels - part.pixels, axis=1)
     # at the lattice boundary the map is extrapolated and less accurate
     allowed = (ASTRAY[0] * maps.spacing() + ASTRAY[1]) * np.where(maps.support > 4.5, 1.0, 3.0)
@@ -426,28 +426,28 @@ def trimmed(part: LatticePart, min_fraction: float = 0.5) -> LatticePart:
 def from_grid(image: Grey, pixels: Array) -> LatticePart:
     """Return the lattice of a detector's corners (rows, columns, 2), with colours from the image."""
     rows, columns = pixels.shape[:2]
-    places = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
+    indices = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     flat = pixels.reshape(-1, 2).astype(float)
     is_finite = np.isfinite(flat).all(axis=1)
-    places, flat = places[is_finite], flat[is_finite]
-    return coloured(image, places, flat)
+    indices, flat = indices[is_finite], flat[is_finite]
+    return coloured(image, indices, flat)
 
 
-def coloured(image: Grey, places: Places, pixels: Array) -> LatticePart:
+def coloured(image: Grey, indices: Places, pixels: Array) -> LatticePart:
     """Return a lattice with colours from the image, in clockwise order.
 
     Only corners that the image confirms are retained.
     """
-    maps = maps_about(places.astype(float), pixels, places.astype(float))
+    maps = maps_about(indices.astype(float), pixels, indices.astype(float))
     if np.median(np.linalg.det(maps.first)) < 0:
-        places = places[:, ::-1].copy()
-        maps = maps_about(places.astype(float), pixels, places.astype(float))
-    parity = 1.0 - 2 * (places.sum(axis=1) % 2)
+        indices = indices[:, ::-1].copy()
+        maps = maps_about(indices.astype(float), pixels, indices.astype(float))
+    parity = 1.0 - 2 * (indices.sum(axis=1) % 2)
     similarity = likeness(image, maps, parity, search=1)
     opposite_similarity = likeness(image, maps, -parity, search=1)
     polarity = 1 if similarity.correlation.sum() >= opposite_similarity.correlation.sum() else -1
     similarity = similarity if polarity > 0 else opposite_similarity
-    return LatticePart(places, pixels, polarity).subset(
+    return LatticePart(indices, pixels, polarity).subset(
         (similarity.correlation > MIN_KNOWN_CORRELATION) & (similarity.clearance > MIN_CLEARANCE)
     )
 
@@ -475,11 +475,11 @@ def completed(image: Grey, board: Board, ids: Ids, pixels: Array) -> tuple[Ids, 
     pixels : (k, 2)
         Pixels of known corners.
     """
-    places = board.points_mm[:, :2] / board.square_mm
+    positions = board.points_mm[:, :2] / board.square_mm
     rejected: set[int] = set()
     while True:
         missing = np.setdiff1d(np.arange(board.corner_count), ids)
-        maps = maps_about(places[ids], pixels, places[missing])
+        maps = maps_about(positions[ids], pixels, positions[missing])
         is_supported = (maps.support > SUPPORT) & ~np.isin(missing, list(rejected))
         if not is_supported.any():
             break
@@ -512,8 +512,8 @@ def predicted(image: Grey, board: Board, known_mm: Array, known_px: Array) -> tu
     known_px : (m, 2)
         Pixels of these points.
     """
-    places = board.points_mm[:, :2] / board.square_mm
-    maps = maps_about(known_mm / board.square_mm, known_px, places)
+    positions = board.points_mm[:, :2] / board.square_mm
+    maps = maps_about(known_mm / board.square_mm, known_px, positions)
     supported = np.flatnonzero(maps.support > SUPPORT)
     is_confirmed, pixels = _verified_corners(
         image, board, supported, LocalMaps(*(field[supported] for field in maps))
@@ -553,9 +553,9 @@ def without_strays(board: Board, ids: Ids, pixels: Array) -> tuple[Ids, Array]:
 
     Each outlier distorts the local maps of the others.
     """
-    places = board.points_mm[:, :2] / board.square_mm
+    positions = board.points_mm[:, :2] / board.square_mm
     while len(ids) > 8:
-        maps = maps_about(places[ids], pixels, places[ids], leave_out=True)
+        maps = maps_about(positions[ids], pixels, positions[ids], leave_out=True)
         deviations = np.linalg.norm(maps.pixels - pixels, axis=1)
         allowed = (MAX_STRAY[0] * maps.spacing() + MAX_STRAY[1]) * np.where(
             maps.support > 4.5, 1.0, 3.0

@@ -148,8 +148,8 @@ def layout_difference(
         ..., 0
     ]
     right, below = (
-        _typical_neighbour(markers.ids, relative_positions, place)
-        for place in ((1.0, 0.0), (0.0, 1.0))
+        _typical_neighbour(markers.ids, relative_positions, offset)
+        for offset in ((1.0, 0.0), (0.0, 1.0))
     )
     if right is None or below is None:
         return None

@@ -402,8 +402,8 @@ def _refined(values: Grey, detection: Detection, board: Board) -> Detection:
             reason += f"; the image is blurred (edge blur {refined.blur_px:.1f} px)"
         refined = replace(refined, reason=reason)
     if refined.used:
-        places = board.points_mm[refined.ids, :2] / board.square_mm
-        side = float(np.median(maps_about(places, refined.corners_px, places).spacing()))
+        positions = board.points_mm[refined.ids, :2] / board.square_mm
+        side = float(np.median(maps_about(positions, refined.corners_px, positions).spacing()))
         if side < TINY_PX:
             refined = replace(
                 refined,
@@ -414,11 +414,13 @@ def _refined(values: Grey, detection: Detection, board: Board) -> Detection:
 
 def _is_mirrored(board: Board, ids: NDArray[np.int_], pixels: NDArray[np.float64]) -> bool:
     """Return whether a board is mirrored in an image."""
-    places = board.points_mm[ids, :2] / board.square_mm
+    positions = board.points_mm[ids, :2] / board.square_mm
     is_finite = np.isfinite(pixels).all(axis=1)
     determinant = float(
         np.median(
-            np.linalg.det(maps_about(places[is_finite], pixels[is_finite], places[is_finite]).first)
+            np.linalg.det(
+                maps_about(positions[is_finite], pixels[is_finite], positions[is_finite]).first
+            )
         )
     )
     return (determinant < 0) != (board.kind == "aprilgrid")  # Y of an April grid points up

@@ -208,13 +208,14 @@ class Board:
             return 0
         return self.columns * self.rows // (2 if self.kind == "charuco" else 1)
 
-    def _along_mm(self, places: NDArray[Any]) -> Array:
+    def _along_mm(self, positions: NDArray[Any]) -> Array:
         """Return positions of columns or rows along their side."""
         if self.kind == "aprilgrid":
             return np.asarray(
-                self.square_mm * ((places // 2) * (1 + self.spacing) + places % 2), dtype=float
+                self.square_mm * ((positions // 2) * (1 + self.spacing) + positions % 2),
+                dtype=float,
             )
-        return self.square_mm * np.asarray(places, dtype=float)
+        return self.square_mm * np.asarray(positions, dtype=float)
 
 
 def families() -> list[str]:

@@ -247,10 +247,10 @@ def _sharpest(reader: Any, every_s: float) -> Iterator[tuple[float, NDArray[Any]
 
 def _view(detection: Detection, board: Board) -> Array:
     """Return position, size, tilt and rotation of the board in units of the scales of a new view."""
-    places = board.points_mm[detection.ids, :2] / board.square_mm
-    centre = places.mean(axis=0, keepdims=True)
+    positions = board.points_mm[detection.ids, :2] / board.square_mm
+    centre = positions.mean(axis=0, keepdims=True)
     shape = maps_about(
-        places, detection.corners_px, centre, reach=float(np.ptp(places, axis=0).max())
+        positions, detection.corners_px, centre, reach=float(np.ptp(positions, axis=0).max())
     )
     size = np.sqrt(np.abs(np.linalg.det(shape.first[0]))) + 1e-6
     position = shape.pixels[0] / max(detection.image_size)

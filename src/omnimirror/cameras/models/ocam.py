@@ -328,9 +328,9 @@ class _Lines:
     def _next(self, what: str) -> list[float]:
         if not self.lines:
             raise SpecError(f"{self.source} must contain {what}; got the end of the file")
-        self.number, words = self.lines.pop(0)
+        self.number, entries = self.lines.pop(0)
         values = []
-        for word in words:
+        for word in entries:
             try:
                 values.append(parse_float(word))
             except ValueError:

@@ -50,9 +50,9 @@ COARSE = 0.25  # coding errors are coarse, and blur damps them less than noise: 
 class BlurProblem:
     """Prepared data for removing one blur from images."""
 
-    def __init__(self, known: RadialBlur) -> None:
-        self.known = known
-        self.sizes: BlurSize = known.by_pixel
+    def __init__(self, blur: RadialBlur) -> None:
+        self.known = blur
+        self.sizes: BlurSize = blur.by_pixel
         self.widening: Values = self.sizes.widening.astype(np.float32)
         self.error: Values = (
             np.float32(ERROR) * self.widening / (np.float32(ERROR_PX) + self.widening)
@@ -113,11 +113,11 @@ class BlurProblem:
         roots = self.within(roots)
         solution = self.solved(roots, noise, self.effort)
         sharp = np.sqrt(solution.light())
-        left = self.left_over(roots, solution)
-        fraction = self._texture(left, noise) / (1 + self.widening)
-        restored = np.maximum(sharp + fraction[..., None] * left, 0)
+        residual = self.left_over(roots, solution)
+        fraction = self._texture(residual, noise) / (1 + self.widening)
+        restored = np.maximum(sharp + fraction[..., None] * residual, 0)
         counts = (1 - _saturated(roots)) * (
-            1 - self._input_weight(solution, sharp - roots + left, left, noise)
+            1 - self._input_weight(solution, sharp - roots + residual, residual, noise)
         )
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
@@ -144,9 +144,9 @@ class BlurProblem:
         """Return the residual of the sharp image (h, w, channels); 0 in unknown pixels."""
         level = sharp.blurred()
         np.sqrt(np.maximum(level, DARK, out=level), out=level)
-        left = np.subtract(roots, level, out=level)
-        left *= self.known_pixels[..., None] & ((roots < SATURATED) | (left > 0))
-        return left
+        residual = np.subtract(roots, level, out=level)
+        residual *= self.known_pixels[..., None] & ((roots < SATURATED) | (residual > 0))
+        return residual
 
     def within(self, roots: Values) -> Values:
         """Return the image with its content mirrored at the rim, replacing arbitrary content beyond
@@ -160,7 +160,7 @@ class BlurProblem:
         return limited.reshape(roots.shape)
 
     def _input_weight(
-        self, sharp: SharpImage, removed: Values, left: Values, noise: Noise
+        self, sharp: SharpImage, removed: Values, residual: Values, noise: Noise
     ) -> Values:
         """Return the weight (h, w) of the input in the minimum-error mean of both images, with
         independent errors.
@@ -175,23 +175,23 @@ class BlurProblem:
         blurred = _power(removed, noise)
         wrong = WRONG / (1 + self.widening / WRONG_PX) ** 2
         errs = texture_of(sharp, noise.by_pixel) * (1 + wrong * blurred)
-        errs += DOUBT * np.maximum(_power(left, noise) - 1, 0)
+        errs += DOUBT * np.maximum(_power(residual, noise) - 1, 0)
         own = 1 - np.float32(noise.coding_fraction * (1 - CURED))
         return np.asarray(errs / (errs + own + blurred), np.float32)
 
-    def _texture(self, left: Values, noise: Noise) -> Values:
+    def _texture(self, residual: Values, noise: Noise) -> Values:
         """Return the fraction (h, w) of the residual that is texture mistaken for noise.
 
         It is based on the geometric mean of the squares, which is insensitive to single edges.
         """
-        known = self.known_pixels.astype(np.float32)
+        is_known = self.known_pixels.astype(np.float32)
         window = (TEXTURE_PX, TEXTURE_PX)
-        logarithm = cv2.blur(np.log(_mean_squares(left) + np.float32(1e-8)) * known, window)
+        logarithm = cv2.blur(np.log(_mean_squares(residual) + np.float32(1e-8)) * is_known, window)
         power = MEAN_OF_LOG * np.exp(
-            logarithm / np.maximum(cv2.blur(known, window), np.float32(1e-3))
+            logarithm / np.maximum(cv2.blur(is_known, window), np.float32(1e-3))
         )
         expected = noise.visible_fraction * noise.by_pixel
-        return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * known, np.float32)
+        return np.asarray(np.clip(1 - expected**2 / power, 0, 1) * is_known, np.float32)
 
     @cached_property
     def _mirrored(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -274,9 +274,9 @@ class BlurLimit:
     """Limit of the blur in images of one camera; the growth is simulated once."""
 
     def __init__(
-        self, known: RadialBlur, strips: list[tuple[slice, slice]], edges: list[NDArray[np.bool_]]
+        self, blur: RadialBlur, strips: list[tuple[slice, slice]], edges: list[NDArray[np.bool_]]
     ) -> None:
-        self._known, self._strips, self._counted = known, strips, edges
+        self._known, self._strips, self._counted = blur, strips, edges
         self._problems: dict[float, list[BlurProblem]] = {}
 
     def fraction(self, roots: Values, noise: Noise) -> float:
@@ -371,21 +371,21 @@ class BlurLimit:
             if not problem.known_pixels.any():
                 continue
             here = problem.within(roots)
-            left = (
+            residual = (
                 problem.left_over(here, problem.fitted(here, noise, EFFORT))
                 / noise.by_pixel[..., None]
             )
             saturated = np.asarray((here >= SATURATED).any(axis=2), np.uint8)
             near = cv2.dilate(saturated, np.ones((SATURATED_PX, SATURATED_PX), np.uint8)) > 0
             whole = problem.known_pixels & counted & ~near
-            squares += float((left[whole] ** 2).mean(axis=1).sum())
+            squares += float((residual[whole] ** 2).mean(axis=1).sum())
             count += int(whole.sum())
         return float(np.sqrt(squares / max(count, 1)))
 
     def _problems_of(self, fraction: float) -> list[BlurProblem]:
         if fraction not in self._problems:
-            known = self._known.scaled(fraction)
-            self._problems[fraction] = [BlurProblem(known.window(*strip)) for strip in self._strips]
+            blur = self._known.scaled(fraction)
+            self._problems[fraction] = [BlurProblem(blur.window(*strip)) for strip in self._strips]
         return self._problems[fraction]
 
 
@@ -446,15 +446,14 @@ class BlurScale:
     once.
     """
 
-    def __init__(self, known: RadialBlur) -> None:
-        self._known = known
-        self._half = max(MIN_STRIP_PX, round(STRIP * max(known.offsets.shape[:2])))
-        self._strips = _strips(known, self._half)
+    def __init__(self, blur: RadialBlur) -> None:
+        self._known = blur
+        self._half = max(MIN_STRIP_PX, round(STRIP * max(blur.offsets.shape[:2])))
+        self._strips = _strips(blur, self._half)
         edges = [
-            np.abs(known.offsets[strip]).min(axis=2) < self._half - EDGE_PX
-            for strip in self._strips
+            np.abs(blur.offsets[strip]).min(axis=2) < self._half - EDGE_PX for strip in self._strips
         ]
-        self._limit = BlurLimit(known, self._strips, edges)
+        self._limit = BlurLimit(blur, self._strips, edges)
         self._prepared: dict[float, list[BlurProblem]] = {}
 
     @property
@@ -489,14 +488,14 @@ class BlurScale:
         limit = BEND_OF_CODED if noise.kind == "JPEG" else BEND
         fraction = 1.0
         while fraction > MIN_FRACTION:
-            left = np.array(
+            residual = np.array(
                 [self._left_over(fraction * part, roots, noise) for part in TESTED_FRACTIONS]
             )
-            is_positive = (left > 0).all(axis=0)
+            is_positive = (residual > 0).all(axis=0)
             if not is_positive.any():
                 return fraction
-            grown = (left / np.maximum(left[:1], 1e-9))[:, is_positive]
-            is_explained = left[0, is_positive].mean() <= EXPLAINED
+            grown = (residual / np.maximum(residual[:1], 1e-9))[:, is_positive]
+            is_explained = residual[0, is_positive].mean() <= EXPLAINED
             much = MUCH_OF_EXPLAINED if is_explained else MUCH
             bend = self._bend(grown, limit, much, is_lowered=fraction < 1)
             if bend is None:
@@ -539,7 +538,7 @@ class BlurScale:
                 continue
             here = problem.within(roots[strip])
             of_strip = noise.window(*strip)
-            left = (
+            residual = (
                 problem.left_over(here, problem.solved(here, of_strip, TEST_EFFORT))
                 / of_strip.by_pixel[..., None]
             )
@@ -549,7 +548,7 @@ class BlurScale:
             band = np.minimum(
                 BANDS * problem.known.radius / self._known.whole_radius_px, BANDS - 1
             ).astype(int)[whole]
-            squares += np.bincount(band, (left**2).mean(axis=2)[whole], BANDS)
+            squares += np.bincount(band, (residual**2).mean(axis=2)[whole], BANDS)
             counts += np.bincount(band, minlength=BANDS)
         return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
 
@@ -573,9 +572,9 @@ def _bend_of(grown: Array, limit: float, is_lowered: bool) -> int | None:
     return int(np.argmax(bends)) if bends.max() >= limit or is_spread else None
 
 
-def _strips(known: RadialBlur, half: int) -> list[tuple[slice, slice]]:
+def _strips(blur: RadialBlur, half: int) -> list[tuple[slice, slice]]:
     """Return rows and columns of two strips through the axis, across and down."""
-    across, down = known.offsets[0, :, 0], known.offsets[:, 0, 1]
+    across, down = blur.offsets[0, :, 0], blur.offsets[:, 0, 1]
     rows, columns = (np.flatnonzero(np.abs(offsets) <= half) for offsets in (down, across))
     strips = []
     if len(rows):

@@ -51,10 +51,10 @@ class IsolatedEdges(NamedTuple):
 
     def sides(self, image: Values) -> tuple[Values, Values]:
         """Return the values (n, 7) of an image before and beyond the edges, as above."""
-        places = self.column[:, None] + np.arange(
+        positions = self.column[:, None] + np.arange(
             1 - MAX_EDGE_DISTANCE_PX, MAX_EDGE_DISTANCE_PX + 1
         )
-        profile = self.sign[:, None] * image[self.row[:, None], places]
+        profile = self.sign[:, None] * image[self.row[:, None], positions]
         return profile[:, :MAX_EDGE_DISTANCE_PX][:, ::-1], profile[:, MAX_EDGE_DISTANCE_PX:]
 
 
@@ -179,7 +179,7 @@ FRACTIONS = np.arange(0.0, 1.31, 0.05)
 
 
 def blur_limit(
-    image: Values, known: RadialBlur, sizes: BlurSize, noise: Noise
+    image: Values, blur: RadialBlur, sizes: BlurSize, noise: Noise
 ) -> tuple[float, float]:
     """Return the largest fractions of a known blur that are consistent with the edges and with the
     texture of an image; NaN without edges or texture, and 1.3 if the limit is larger.
@@ -196,26 +196,26 @@ def blur_limit(
     colours = image if image.ndim == 3 else image[..., None]
     grey = np.ascontiguousarray(colours.mean(axis=2), dtype=np.float32)
     light = np.ascontiguousarray(linear_from_srgb(colours).mean(axis=2), dtype=np.float32)
-    radius = known.radius
-    inside = (radius < known.whole_radius_px) & (colours.max(axis=2) < SATURATED)
+    radius = blur.radius
+    inside = (radius < blur.whole_radius_px) & (colours.max(axis=2) < SATURATED)
     deviation = 0.0 if noise.kind == "JPEG" else noise.fraction
-    edges = _edge_rises(grey, light, inside, known, sizes, deviation)
-    inside &= radius < known.whole_radius_px - 2
+    edges = _edge_rises(grey, light, inside, blur, sizes, deviation)
+    inside &= radius < blur.whole_radius_px - 2
     variance = deviation**2 / colours.shape[2]
-    return _limit_of_edges(*edges), _limit_of_texture(grey, inside, known, sizes, variance)
+    return _limit_of_edges(*edges), _limit_of_texture(grey, inside, blur, sizes, variance)
 
 
 def _edge_rises(
-    grey: Values, light: Values, inside: Mask, known: RadialBlur, sizes: BlurSize, noise: float
+    grey: Values, light: Values, inside: Mask, blur: RadialBlur, sizes: BlurSize, noise: float
 ) -> tuple[Array, Array, Array]:
     """Return the largest relative rises (n,) of edges between adjacent pixels, in linear light, the
     widths (n,) of the known blur across them, px along the row or column, and their radii (n,)
     relative to the image circle.
     """
-    radial = known.offsets / (known.radius[..., None] + 1e-9)
+    radial = blur.offsets / (blur.radius[..., None] + 1e-9)
     slopes = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=5) for order in ((1, 0), (0, 1))]
     selected_edges: list[list[Array]] = []
-    radius = known.radius / known.whole_radius_px
+    radius = blur.radius / blur.whole_radius_px
     for axis in (1, 0):
 
         def turned(values: NDArray[Any], axis: int = axis) -> NDArray[Any]:
@@ -295,9 +295,9 @@ def _steepest_rise() -> tuple[Array, Array]:
 
 
 def _limit_of_texture(
-    grey: Values, inside: Mask, known: RadialBlur, sizes: BlurSize, variance: float
+    grey: Values, inside: Mask, blur: RadialBlur, sizes: BlurSize, variance: float
 ) -> float:
-    across, down = np.abs(known.offsets[..., 0]), np.abs(known.offsets[..., 1])
+    across, down = np.abs(blur.offsets[..., 0]), np.abs(blur.offsets[..., 1])
     columns: list[list[Array]] = []
     for axis in (1, 0):
         mine = [grey, inside, across, down, *sizes]
@@ -343,9 +343,9 @@ CLASS_PX, WIDEST_PX = 0.25, 12.0
 
 def _difference_ratio(widths: Array) -> Array:
     """Return D1 / D2 of texture blurred by ellipses of widths (2, n) px along and across."""
-    place = np.minimum(widths, WIDEST_PX) / TABLE_STEP_PX
-    low = np.minimum(place.astype(int), len(_ratio_table()) - 2)
-    rest = place - low
+    position = np.minimum(widths, WIDEST_PX) / TABLE_STEP_PX
+    low = np.minimum(position.astype(int), len(_ratio_table()) - 2)
+    rest = position - low
     table, (i, j), (u, v) = _ratio_table(), low, rest
     ratio: Array = (1 - u) * ((1 - v) * table[i, j] + v * table[i, j + 1]) + u * (
         (1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]

@@ -91,9 +91,9 @@ class Blur(NamedTuple):
     @property
     def known(self) -> NDArray[np.bool_]:
         """Mask (h, w) of known pixels."""
-        known = np.zeros(self.size[::-1], bool)
-        known.ravel()[self.pixels] = True
-        return known
+        is_known = np.zeros(self.size[::-1], bool)
+        is_known.ravel()[self.pixels] = True
+        return is_known
 
     @property
     def reach(self) -> int:
@@ -111,13 +111,13 @@ class Blur(NamedTuple):
         of the known pixels that it explains, including some of adjacent tiles. Its values extend
         beyond these by the reach of the kernels, in whole groups of columns.
         """
-        known, created = self.known, []
+        is_known, created = self.known, []
         beyond = whole_groups(self.reach)
         width, height = self.size
         for top, bottom in pairwise(_parts(height)):
             for left, right in pairwise(_parts(width)):
                 first_row, first_column = max(top - beyond, 0), max(left - beyond, 0)
-                near = known[first_row : bottom + beyond, first_column : right + beyond]
+                near = is_known[first_row : bottom + beyond, first_column : right + beyond]
                 if near.any():
                     rows = first_row + np.flatnonzero(near.any(axis=1))
                     columns = first_column + np.flatnonzero(near.any(axis=0))
@@ -223,17 +223,17 @@ def blur_kernels(
     fineness
         Number of fine pixels along the side of a pixel.
     """
-    known = np.hypot(offsets[..., 0], offsets[..., 1]) <= whole_radius_px
+    is_known = np.hypot(offsets[..., 0], offsets[..., 1]) <= whole_radius_px
     block = _block_px(sizes, whole_radius_px)
-    firsts = np.arange(0, known.shape[1], block)
-    lasts = np.minimum(firsts + block, known.shape[1]) - 1
-    blocks = np.logical_or.reduceat(known, firsts, axis=1)
+    firsts = np.arange(0, is_known.shape[1], block)
+    lasts = np.minimum(firsts + block, is_known.shape[1]) - 1
+    blocks = np.logical_or.reduceat(is_known, firsts, axis=1)
     right, down = ((offsets[:, firsts] + offsets[:, lasts]) / 2)[blocks].T
     ring = (np.minimum(np.hypot(right, down), whole_radius_px) / RING_PX).astype(int)
     turn = np.rint(np.arctan2(down, right) / np.pi * TURNS).astype(int) % TURNS
     of_ring = sizes((np.arange(ring.max(initial=0) + 1) + 0.5) * RING_PX)
     groups, of_block = np.unique(ring * TURNS + turn, return_inverse=True)
-    kernels = np.full((len(known), whole_groups(known.shape[1]) // block), -1)
+    kernels = np.full((len(is_known), whole_groups(is_known.shape[1]) // block), -1)
     kernels[:, : len(firsts)][blocks] = of_block
     rings, turns = np.divmod(groups, TURNS)
     spectra = [
@@ -243,7 +243,11 @@ def blur_kernels(
         for r in np.unique(rings)
     ]
     counts, reached, weights = (np.concatenate(parts) for parts in zip(*spectra, strict=True))
-    size, pixels, bounds = known.shape[::-1], np.flatnonzero(known), np.r_[0, np.cumsum(counts)]
+    size, pixels, bounds = (
+        is_known.shape[::-1],
+        np.flatnonzero(is_known),
+        np.r_[0, np.cumsum(counts)],
+    )
     return Blur(
         size,
         fineness,
@@ -295,11 +299,11 @@ def _kernels(
     side = 2 * reach + 2
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
     fx, fy = x - left, y - top
-    place = (np.arange(len(turns))[:, None] * side + top) * side + left
+    index = (np.arange(len(turns))[:, None] * side + top) * side + left
     grid = np.zeros(len(turns) * side * side)
     for dy, wy in ((0, 1 - fy), (1, fy)):
         for dx, wx in ((0, 1 - fx), (1, fx)):
-            grid += np.bincount((place + dy * side + dx).ravel(), (wy * wx).ravel(), len(grid))
+            grid += np.bincount((index + dy * side + dx).ravel(), (wy * wx).ravel(), len(grid))
     wide = np.zeros((len(turns), side + fineness - 1, side + fineness - 1))
     for dy in range(fineness):
         for dx in range(fineness):

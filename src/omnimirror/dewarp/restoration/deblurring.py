@@ -133,11 +133,11 @@ def restore(
         exposure = exposure_of(metadata.exif)
     instance("image", image, np.ndarray, "an array of pixels or a file")
     restorer = Restorer.of_exposure(camera, exposure, object_distance_mm, blur)
-    restored, words = restorer.reported(image, noise, file)
+    restored, report = restorer.reported(image, noise, file)
     if on_note is not None:
-        on_note(words)
+        on_note(report)
     elif restorer.exposure_words:
-        warnings.warn(f"{file}: {words}", OmnimirrorWarning, stacklevel=2)
+        warnings.warn(f"{file}: {report}", OmnimirrorWarning, stacklevel=2)
     return restored
 
 
@@ -233,24 +233,24 @@ class Restorer:
         """Effect of lens settings that differ from those of the sensor, as a phrase; empty if there
         is none.
         """
-        words = []
+        parts = []
         if self.f_number is not None:
             assert isinstance(self.camera, Sensor)
-            known = self.camera.lens.stop_number
-            fraction = known / self.f_number
+            f_number = self.camera.lens.stop_number
+            fraction = f_number / self.f_number
             effect = (
                 f"{100 * fraction:.0f} % of the blur is assumed"
                 if fraction < 1
                 else "the blur of the sensor is assumed"
             )
-            words.append(f"EXIF has F/{self.f_number:.3g}, the sensor F/{known:.3g}: {effect}")
+            parts.append(f"EXIF has F/{self.f_number:.3g}, the sensor F/{f_number:.3g}: {effect}")
         if self.focus_distance_mm is not None:
             assert isinstance(self.camera, Sensor)
-            words.append(
+            parts.append(
                 f"EXIF has a focus distance of {self.focus_distance_mm:.4g} mm, the sensor "
                 f"{self.camera.lens.focus_distance_mm:.4g} mm: the smaller blur is assumed"
             )
-        return "; ".join(words)
+        return "; ".join(parts)
 
     def reported(
         self, image: ImageArray, noise: float | Noise | None = None, file: str | Path | None = None
@@ -264,7 +264,7 @@ class Restorer:
             self.estimate_noise(image, file) if noise is None else self._noise_of(image, noise)
         )
         decision = self.decide(image, estimate)
-        described = f"; {words}" if (words := self.exposure_words) else ""
+        described = f"; {description}" if (description := self.exposure_words) else ""
         if decision.fraction == 0:
             return image.copy(), f"not restored because {decision.reason}{described}"
         text = (
@@ -405,8 +405,8 @@ class Restorer:
             )
 
 
-def _differs(value: float | None, known: float, tolerance: float) -> TypeGuard[float]:
-    return value is not None and abs(np.log(value / known)) > np.log1p(tolerance)
+def _differs(value: float | None, reference: float, tolerance: float) -> TypeGuard[float]:
+    return value is not None and abs(np.log(value / reference)) > np.log1p(tolerance)
 
 
 def _light(colours: ImageArray) -> Light:
@@ -505,5 +505,5 @@ class Restoration:
         (h, w) or (h, w, c) array, str
             Deblurred image; description of the noise and of the removed fraction of the blur.
         """
-        restored, words = restorer.reported(image, self.noise, source)
-        return restored, f"; {words}"
+        restored, report = restorer.reported(image, self.noise, source)
+        return restored, f"; {report}"

@@ -158,11 +158,11 @@ def _stab(serves: NDArray[np.bool_]) -> list[int]:
     adjacent rows.
     """
     last = len(serves) - 1 - np.argmax(serves[::-1], axis=0)
-    left = np.ones(serves.shape[1], bool)
+    is_uncovered = np.ones(serves.shape[1], bool)
     chosen: list[int] = []
-    while left.any():
-        chosen.append(int(last[left].min()))
-        left &= ~serves[chosen[-1]]
+    while is_uncovered.any():
+        chosen.append(int(last[is_uncovered].min()))
+        is_uncovered &= ~serves[chosen[-1]]
     return chosen
 
 

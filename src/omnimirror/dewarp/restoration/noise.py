@@ -161,8 +161,10 @@ def detected_coding(image: NDArray[np.uint8], inside: Mask) -> JpegCoding | None
             matches[row, column] = step
     if len(matches) < MIN_FOUND:
         return None
-    places, steps = tuple(np.array(list(matches)).T), np.array(list(matches.values()))
-    misses = [np.abs(np.log(standard_tables(q)[0][places] / steps)).mean() for q in range(1, 101)]
+    positions, steps = tuple(np.array(list(matches)).T), np.array(list(matches.values()))
+    misses = [
+        np.abs(np.log(standard_tables(q)[0][positions] / steps)).mean() for q in range(1, 101)
+    ]
     tables = standard_tables(1 + int(np.argmin(misses)))
     return (
         JpegCoding(tables[:1])
@@ -231,7 +233,7 @@ def _lost_in_coarser(plane: Array, inside: Array) -> float:
     The loss is extrapolated from a second subsampling: edges and textures lose by the same ratio in
     each subsampling.
     """
-    lost = []
+    losses = []
     for _ in range(2):
         coarser = _binned(plane, (2, 2))
         rows, columns = (2 * side for side in coarser.shape)
@@ -239,9 +241,9 @@ def _lost_in_coarser(plane: Array, inside: Array) -> float:
         if not here.any():
             return 0.0
         again = cv2.resize(coarser, (columns, rows), interpolation=cv2.INTER_LINEAR)
-        lost.append(float(((plane[:rows, :columns] - again)[here] ** 2).mean()))
+        losses.append(float(((plane[:rows, :columns] - again)[here] ** 2).mean()))
         plane, inside = coarser, _binned(inside, (2, 2))
-    return HELD * lost[0] * min(1.0, lost[0] / max(lost[1], 1e-9))
+    return HELD * losses[0] * min(1.0, losses[0] / max(losses[1], 1e-9))
 
 
 def _error_of_plane(coefficients: Array, table: Array) -> tuple[float, float]:
@@ -404,10 +406,10 @@ def estimate_noise(
         if coding := coding or detected_coding(image, inside):
             values = 255 * colours.astype(float)
             like_noise = SURVIVING**2 * _white(colours, inside, True)
-            left = min(like_noise, max_noise(values, coding, inside) / 255**2)
-            level = error_of(values, coding, inside) / 255**2 + left
+            remainder = min(like_noise, max_noise(values, coding, inside) / 255**2)
+            level = error_of(values, coding, inside) / 255**2 + remainder
             # If most of the apparent noise is texture, the remainder may be texture, too
-            visible = left * (left / max(like_noise, MIN_NOISE**2)) ** 2
+            visible = remainder * (remainder / max(like_noise, MIN_NOISE**2)) ** 2
             variance = max(level, MIN_NOISE_OF_CODED**2)
             return replace(
                 _even(variance, inside.shape, "JPEG"), coding_fraction=(level - visible) / variance
@@ -427,9 +429,9 @@ def check_restorable(image: ImageArray) -> None:
         image.ndim != 2 and (image.ndim != 3 or image.shape[2] not in (1, 3, 4))
     ):
         raise InvalidParameter(f"the image must have 1, 3 or 4 channels; got shape {image.shape}")
-    if image.dtype == np.float32 and (lost := int((~np.isfinite(image)).sum())):
+    if image.dtype == np.float32 and (count := int((~np.isfinite(image)).sum())):
         raise InvalidParameter(
-            f"the image must contain finite values; got {lost} that are NaN or infinite"
+            f"the image must contain finite values; got {count} that are NaN or infinite"
         )
 
 

@@ -145,12 +145,12 @@ class CubeMap:
 
     def __str__(self) -> str:
         turned = f"pan {self.pan_deg:g} deg, " if self.pan_deg else ""
-        place = (
+        position = (
             ""
             if math.isinf(self.distance_mm)
             else f", at {self.distance_mm:g} mm{offset_text(self.offset_mm)}"
         )
-        return f"cube map ({turned}{self.layout} of {self.face_px} px faces{place})"
+        return f"cube map ({turned}{self.layout} of {self.face_px} px faces{position})"
 
 
 @dataclass(frozen=True)

@@ -335,8 +335,12 @@ def _status(store: Store, manifest: BatchManifest) -> BatchStatus:
             not row.view
             or (row.sensor_digest in sensors and views.get(row.view) == row.view_digest)
         )
-        known = latest.get((row.input, row.view))
-        if is_current and row.status != REMOVED and (not known or known.finished < row.finished):
+        row_before = latest.get((row.input, row.view))
+        if (
+            is_current
+            and row.status != REMOVED
+            and (not row_before or row_before.finished < row.finished)
+        ):
             latest[row.input, row.view] = row
     assigned = {row.input for row in latest.values() if row.view}
     rows = [row for row in latest.values() if row.view or row.input not in assigned]

@@ -179,8 +179,8 @@ class BatchManifest:
     def _add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         for values in rows:
             row = ManifestRow(**values)
-            known = self.rows.get(row.identity)
-            if known is None or known.finished <= row.finished:
+            previous = self.rows.get(row.identity)
+            if previous is None or previous.finished <= row.finished:
                 self.rows[row.identity] = row
 
     def status(self, key: str, output: str) -> str:
@@ -202,8 +202,8 @@ class BatchManifest:
         for name in names:
             for values in _rows_in(self.store.read(f"{FOLDER}/{name}"), name):
                 row = ManifestRow(**values)
-                known = latest.get(row.identity)
-                if known is None or known.finished <= row.finished:
+                previous = latest.get(row.identity)
+                if previous is None or previous.finished <= row.finished:
                     latest[row.identity] = row
         part = f"{FOLDER}/rows-{time.time_ns():x}-{os.urandom(4).hex()}.parquet"
         self.store.write(part, parquet_bytes(latest.values()))

@@ -260,7 +260,7 @@ def _file_items(job: BatchJob, keyed: Sequence[_Keyed]) -> list[PlannedItem]:
     """Name a file per input and view after the template."""
     output = job.output
     items: list[PlannedItem] = []
-    taken: dict[str, str] = {}
+    owners: dict[str, str] = {}
     for each in keyed:
         folder, stem = stem_of(each.source)
         moment = each.source.time
@@ -277,10 +277,10 @@ def _file_items(job: BatchJob, keyed: Sequence[_Keyed]) -> list[PlannedItem]:
         for view, key in each.keys.items():
             stem_name = output.name.format(**values, view=view, digest=key[:NAME_DIGITS])
             names[view] = stem_name + output.format
-            if taken.setdefault(names[view], each.source.name) != each.source.name:
+            if owners.setdefault(names[view], each.source.name) != each.source.name:
                 raise InvalidParameter(
                     f"outputs must have different names; got {names[view]} for "
-                    f"{taken[names[view]]} and {each.source.name}; add {{digest}} to output.name"
+                    f"{owners[names[view]]} and {each.source.name}; add {{digest}} to output.name"
                 )
         items.append(each.item(job, names, ""))
     return items

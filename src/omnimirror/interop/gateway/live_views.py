@@ -248,7 +248,7 @@ class Gateway:
         camera: Camera,
         views: Mapping[str, NamedView],
         interpolation: Interpolation = "auto",
-        on_status: Callable[[str], None] = lambda sentence: None,
+        on_status: Callable[[str], None] = lambda message: None,
         workers: int | None = None,
         *,
         stored_orientation: bool = False,
@@ -358,6 +358,6 @@ class Gateway:
                 view.set_frame_rate(playing.frame_rate)
             view.submit(frame, playing.siting, self._pool)
 
-    def _report(self, sentence: str) -> None:
-        self.state = sentence
-        self._on_status(sentence)
+    def _report(self, message: str) -> None:
+        self.state = message
+        self._on_status(message)

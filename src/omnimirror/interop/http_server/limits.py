@@ -34,9 +34,9 @@ class ServerBusy(OmnimirrorError):
 class _Refusal(Exception):
     """Response that ends the reception of a request."""
 
-    def __init__(self, status: int, sentence: str) -> None:
-        super().__init__(sentence)
-        self.response = JSONResponse({"detail": sentence}, status, {"connection": "close"})
+    def __init__(self, status: int, message: str) -> None:
+        super().__init__(message)
+        self.response = JSONResponse({"detail": message}, status, {"connection": "close"})
 
 
 class RequestLimits:
@@ -114,11 +114,11 @@ class _LimitedBody:
     def check_size(self, size: int) -> None:
         """Reject a body whose size in bytes is above the limit."""
         if size > self.max_bytes:
-            sentence = f"the body must be at most {self.max_bytes >> 20} MB; got {size} bytes"
-            raise self._refuse(413, sentence)
+            message = f"the body must be at most {self.max_bytes >> 20} MB; got {size} bytes"
+            raise self._refuse(413, message)
 
-    def _refuse(self, status: int, sentence: str) -> _Refusal:
-        self.refusal = _Refusal(status, sentence)
+    def _refuse(self, status: int, message: str) -> _Refusal:
+        self.refusal = _Refusal(status, message)
         return self.refusal
 
 

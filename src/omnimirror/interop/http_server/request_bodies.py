@@ -151,10 +151,10 @@ def validation_message(errors: Iterable[Mapping[str, Any]]) -> str:
         return f"{name} must be given"
     if first["type"] == "extra_forbidden":
         return f"{name} is unknown; remove it"
-    words = condition.replace("Input should ", "must ", 1)
+    message = condition.replace("Input should ", "must ", 1)
     if not condition.startswith("Input should "):  # another message than that of a simple check
-        words = f"is invalid: {condition[0].lower()}{condition[1:]}"
-    return f"{name} {words}; got {format_value(first.get('input'))}"
+        message = f"is invalid: {condition[0].lower()}{condition[1:]}"
+    return f"{name} {message}; got {format_value(first.get('input'))}"
 
 
 # -- WebSocket -----------------------------------------------------------------------------------

@@ -194,15 +194,15 @@ def _image_connection(reader: Any, topic: str | None, source: Path) -> Any:
     """Return the connection of the images to dewarp."""
     candidates = {c.topic: c for c in reader.connections if c.msgtype in IMAGE_TYPES}
     available = ", ".join(sorted(candidates))
-    known = f"image topics: {available}" if candidates else "it has no image topics"
+    topics = f"image topics: {available}" if candidates else "it has no image topics"
     if topic is not None:
         if topic not in candidates:
             raise InvalidParameter(
-                f"topic must be an image topic of {source} ({known}); got {topic}"
+                f"topic must be an image topic of {source} ({topics}); got {topic}"
             )
         return candidates[topic]
     if len(candidates) != 1:
-        raise InvalidParameter(f"topic must be given for {source} ({known})")
+        raise InvalidParameter(f"topic must be given for {source} ({topics})")
     return next(iter(candidates.values()))
 
 

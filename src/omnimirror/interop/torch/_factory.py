@@ -69,15 +69,15 @@ def differentiable(
     tensor(4.6140, dtype=torch.float64)
     """
     instance("camera", camera, Camera, "a camera (see om.load_sensor)")
-    words = (free,) if isinstance(free, str) else tuple(free)
+    names = (free,) if isinstance(free, str) else tuple(free)
     sensor = camera if isinstance(camera, Sensor) else None
-    if words and sensor is None:
+    if names and sensor is None:
         raise InvalidParameter(
-            f"free must be empty unless camera is a sensor; got {words!r} for a {type(camera).__name__}"
+            f"free must be empty unless camera is a sensor; got {names!r} for a {type(camera).__name__}"
         )
     values = {}
-    if sensor is not None and words:
-        for name in free_names(sensor, words):
+    if sensor is not None and names:
+        for name in free_names(sensor, names):
             values[name] = value_of(sensor, parameter_location(sensor, name))
     dtype = _checked_dtype(dtype)
     device = _available_device(device, dtype)

@@ -39,10 +39,10 @@ class SensorParameters:
 
     def current_sensor(self) -> Sensor:
         """Return the sensor with the current values of the free parameters."""
-        places = [parameter_location(self.sensor, name) for name in self.free]
+        slots = [parameter_location(self.sensor, name) for name in self.free]
         values = [float_value(value) for value in self.free.values()]
-        initial = [value_of(self.sensor, place) for place in places]
-        return self.sensor if values == initial else with_values(self.sensor, places, values)
+        initial = [value_of(self.sensor, slot) for slot in slots]
+        return self.sensor if values == initial else with_values(self.sensor, slots, values)
 
     @property
     def pitch_mm(self) -> Tensor:

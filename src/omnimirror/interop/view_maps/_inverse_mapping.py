@@ -163,11 +163,11 @@ def _newton_step(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return a Newton step (n, 2) and whether the targets are in front of the ray origins."""
 
-    def residual(places: Array) -> tuple[Array, Array]:
+    def residual(positions: Array) -> tuple[Array, Array]:
         """Return the components (n, 2) of target directions perpendicular to the rays and (n,)
         along.
         """
-        heading = _targets(screen, places)
+        heading = _targets(screen, positions)
         if not screen.is_distant:
             heading = heading - origins
         heading = heading / np.linalg.norm(heading, axis=1, keepdims=True)

@@ -116,8 +116,8 @@ def run_table(runs: Runs) -> tuple[list[int], list[int]]:
 
 def join_lines(items: Iterable[object], per_line: int = 16) -> SourceCode:
     """Join items with commas, in lines of ``per_line`` items."""
-    words = [str(item) for item in items]
-    lines = (",".join(words[i : i + per_line]) for i in range(0, len(words), per_line))
+    items_text = [str(item) for item in items]
+    lines = (",".join(items_text[i : i + per_line]) for i in range(0, len(items_text), per_line))
     return SourceCode(",\n    ".join(lines))
 
 
@@ -136,14 +136,14 @@ def _extrapolate(nodes: Array, values: Array, step: int) -> Array:
     fit, targets = _interpolation_matrix(nodes.shape[:2], values, step, missing)
     smoothness = SMOOTHNESS_WEIGHT * _third_differences(nodes.shape[:2])
     smoothness = smoothness[smoothness[:, missing].getnnz(axis=1) > 0]
-    known = np.nan_to_num(nodes.reshape(len(missing), -1))
-    known[missing] = 0.0
-    right = np.concatenate([targets - fit @ known, -smoothness @ known])
-    left = sparse.vstack([fit, smoothness])[:, missing].tocsc()
-    normal = left.T @ left + 1e-12 * sparse.identity(left.shape[1])
+    node_values = np.nan_to_num(nodes.reshape(len(missing), -1))
+    node_values[missing] = 0.0
+    right = np.concatenate([targets - fit @ node_values, -smoothness @ node_values])
+    matrix = sparse.vstack([fit, smoothness])[:, missing].tocsc()
+    normal = matrix.T @ matrix + 1e-12 * sparse.identity(matrix.shape[1])
     solve = factorized(normal.tocsc())
-    known[missing] = np.stack([solve(column) for column in (left.T @ right).T], axis=-1)
-    return known.reshape(nodes.shape)
+    node_values[missing] = np.stack([solve(column) for column in (matrix.T @ right).T], axis=-1)
+    return node_values.reshape(nodes.shape)
 
 
 def _interpolation_matrix(
@@ -160,8 +160,8 @@ def _interpolation_matrix(
     numbers = (node_rows * shape[1] + node_columns).ravel()
     table = catmull_rom_weights(step)
     contributions = table[rows % step][:, :, None] * table[columns % step][:, None, :]
-    places = np.repeat(np.arange(len(rows)), 16), numbers
-    matrix = sparse.csr_matrix((contributions.ravel(), places), (len(rows), len(missing)))
+    indices = np.repeat(np.arange(len(rows)), 16), numbers
+    matrix = sparse.csr_matrix((contributions.ravel(), indices), (len(rows), len(missing)))
     return matrix, values[rows, columns]
 
 

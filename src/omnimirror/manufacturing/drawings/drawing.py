@@ -218,7 +218,11 @@ def _draw_sensor_sheet(
 
 
 def draw_part_sheet(
-    paper: Sheet, part: Part, workshop: Workshop, file: DataFile | None, place: tuple[int, int]
+    paper: Sheet,
+    part: Part,
+    workshop: Workshop,
+    file: DataFile | None,
+    sheet_number: tuple[int, int],
 ) -> float:
     """Draw the sheet of one mirror and return the scale of its view."""
     layout = MIRROR_LAYOUTS[paper.size]
@@ -248,7 +252,7 @@ def draw_part_sheet(
         part.name if part.is_secondary else f"{part.name} mirror",
         "part drawing",
         scale_words(scale),
-        place,
+        sheet_number,
         making.material,
         mass,
     )
@@ -286,8 +290,8 @@ class Flow:
             - GAP
         )
 
-    def lines(self, words: Sequence[str]) -> None:
-        for line in words:
+    def lines(self, texts: Sequence[str]) -> None:
+        for line in texts:
             self.y -= 4.2
             self.paper.text(self.columns[self.at].left, self.y + GAP - 1.5, line)
         self.y -= GAP / 2

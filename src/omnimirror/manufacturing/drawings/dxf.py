@@ -55,7 +55,7 @@ def write_dxf(
     file: DataFile | None = None,
     *,
     sheet: str = "A3",
-    place: tuple[int, int] = (2, 2),
+    sheet_number: tuple[int, int] = (2, 2),
 ) -> ProfileCurve:
     """Write the half-section with an exact arc, conic or line, or with the spline of the STEP file.
 
@@ -84,7 +84,7 @@ def write_dxf(
     _draw_dimensions(page, mirror, body, size, specification)
     _draw_notes(page, mirror, body, curve, part.name, size)
     paper = Sheet(sheet)
-    draw_part_sheet(paper, part, workshop, file, place)
+    draw_part_sheet(paper, part, workshop, file, sheet_number)
     add_layout(doc, paper)
     doc.saveas(path)
     return curve
@@ -216,8 +216,8 @@ def _allowed(tolerance: float | None) -> dict[str, Any]:
     """Return dimension overrides for a symmetric tolerance."""
     if tolerance is None:
         return {}
-    places = max(0, min(8, 1 - int(np.floor(np.log10(tolerance)))))
-    return {"dimtol": 1, "dimtp": tolerance, "dimtm": tolerance, "dimtdec": places, "dimtzin": 8}
+    decimals = max(0, min(8, 1 - int(np.floor(np.log10(tolerance)))))
+    return {"dimtol": 1, "dimtp": tolerance, "dimtm": tolerance, "dimtdec": decimals, "dimtzin": 8}
 
 
 def _linear(page: Any, base: Any, p1: Any, p2: Any, angle: float, override: dict[str, Any]) -> None:
@@ -245,9 +245,9 @@ def _draw_notes(
         f"Body: {body.words()}",
     ]
     top = -body.outer_radius_mm(mirror) - 10 * size
-    words = "\n".join(map(dxf_mtext, lines))
+    note_text = "\n".join(map(dxf_mtext, lines))
     text = page.add_mtext(
-        words, dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)}
+        note_text, dxfattribs={"char_height": size, "style": "OpenSans", **_on(NOTES)}
     )
     text.set_location((0.0, top))
 
@@ -330,13 +330,13 @@ def _add_text(layout: Any, text: Text) -> None:
     level = {"baseline": "", "center": "MIDDLE", "bottom": "BOTTOM", "top": "TOP"}[along]
     side = ALIGNMENTS[across]
     name = f"{level}_{side or 'LEFT'}" if level else side or "LEFT"
-    words = layout.add_text(
+    text_entity = layout.add_text(
         dxf_text(text.get_text()),
         height=float(text.get_fontsize()) / POINT * CAPITAL,
         rotation=text.get_rotation(),
         dxfattribs={"style": PAPER_STYLE, **_line_attributes(text.get_color())},
     )
-    words.set_placement(text.get_position(), align=TextEntityAlignment[name])
+    text_entity.set_placement(text.get_position(), align=TextEntityAlignment[name])
 
 
 def _line_attributes(colour: Any) -> dict[str, Any]:

@@ -57,13 +57,13 @@ def fixed_words(value: float, digits: int) -> str:
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
 
-def plus_minus(words: str, tolerance: float | None) -> str:
+def plus_minus(text: str, tolerance: float | None) -> str:
     """Append a symmetric tolerance to a dimension, if given.
 
     >>> plus_minus("Ø87.81", 0.05), plus_minus("5", None)
     ('Ø87.81 ± 0.05', '5')
     """
-    return words if tolerance is None else f"{words} ± {tolerance:.3g}"
+    return text if tolerance is None else f"{text} ± {tolerance:.3g}"
 
 
 def draw_mirror(
@@ -107,10 +107,10 @@ def _draw_surface(sheet: Sheet, view: View, mirror: Mirror, form_um: float | Non
     """Draw the description and the profile tolerance of the mirror surface."""
     rim = mirror.rim_radius_mm
     edge = float(mirror.sag(rim))
-    tip, words = view.at(mirror.sag(0.62 * rim), 0.62 * rim), surface_lines(mirror)
-    highest = view.at(edge, rim)[1] - (4 * len(words) + 1)  # clear of the extension line at the rim
+    tip, lines = view.at(mirror.sag(0.62 * rim), 0.62 * rim), surface_lines(mirror)
+    highest = view.at(edge, rim)[1] - (4 * len(lines) + 1)  # clear of the extension line at the rim
     bend = np.array([view.x - 4, min(tip[1] + 7, highest)])
-    sheet.leader(tip, bend, words, rightwards=False)
+    sheet.leader(tip, bend, lines, rightwards=False)
     if form_um is not None:
         cells = [f"{form_um / 1000:.3g}"]  # form only; code 4/ specifies the position
         tolerance_frame(
@@ -152,12 +152,12 @@ def _flatness_y(view: View, mirror: Mirror, body: Body) -> float:
 def _draw_textures(sheet: Sheet, region: Region, making: PartSpecification) -> None:
     """Draw the general surface texture and, in brackets, that of the mirror."""
     special = making.surface_roughness_nm
-    words, x, y = (
+    text, x, y = (
         f"Ra {making.roughness_um:g}",
         region.right - (62 if special is not None else 24),
         region.top - 10,
     )
-    end = surface_sign(sheet, x, y, words)
+    end = surface_sign(sheet, x, y, text)
     if special is not None:
         sheet.text(end + 2, y + 2, "(", height=2 * LETTERS)
         end = surface_sign(sheet, end + 7, y, f"Rq {special / 1000:.3g}")
@@ -203,9 +203,9 @@ def _dimension_mirror(
         sheet.leader(tip, tip + np.array([6, 6]), _bore_words(body))
     if body.flange_width_mm:
         tip = view.at(back, outer - body.flange_width_mm / 2)
-        words = ["flange", f"Ø{length_words(2 * outer)} × {length_words(body.flange_thickness_mm)}"]
+        lines = ["flange", f"Ø{length_words(2 * outer)} × {length_words(body.flange_thickness_mm)}"]
         above = _flatness_y(view, mirror, body) + 4 if making.back_flatness_mm is not None else 0.0
-        sheet.leader(tip, [tip[0] + 8, max(tip[1] + 6, above)], words)
+        sheet.leader(tip, [tip[0] + 8, max(tip[1] + 6, above)], lines)
 
 
 def _bore_words(body: Body) -> list[str]:

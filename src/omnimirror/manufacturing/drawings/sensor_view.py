@@ -120,8 +120,8 @@ class Assembly(NamedTuple):
     @property
     def ends(self) -> tuple[float, float]:
         """Minimum and maximum height of all components."""
-        places = (self.imager, self.lens, self.base, self.back, self.end)
-        return min(places), max(places)
+        positions = (self.imager, self.lens, self.base, self.back, self.end)
+        return min(positions), max(positions)
 
 
 def shell_end_mm(sensor: Sensor, shell: Tube | Dome, back: float) -> float:
@@ -133,8 +133,10 @@ def shell_end_mm(sensor: Sensor, shell: Tube | Dome, back: float) -> float:
     if isinstance(shell, Dome):
         return radius + shell.centres_mm[1]
     rim = sensor.meridian.trace(np.array(sensor.mirror.rim_radius_mm))
-    left = float(rim.z - (radius - rim.x) / np.tan(rim.reflected)) if rim.reflected > 0 else -np.inf
-    return max(back, left)
+    end_mm = (
+        float(rim.z - (radius - rim.x) / np.tan(rim.reflected)) if rim.reflected > 0 else -np.inf
+    )
+    return max(back, end_mm)
 
 
 def draw_sensor(
@@ -239,12 +241,12 @@ def _draw_rays(sheet: Sheet, view: View, assembly: Assembly, region: Region) -> 
             if side > 0:
                 labels.append((*(start + away), f"{omega:.4g}°"))
     free = np.inf
-    for x_text, y_text, words in reversed(
+    for x_text, y_text, text in reversed(
         labels
     ):  # of overlapping labels, keep the one closer to the rim
-        half = sheet.text_width(words) / 2 + 0.5
+        half = sheet.text_width(text) / 2 + 0.5
         if x_text + half < free:
-            sheet.text(x_text, y_text, words, color=RAY, ha="center", va="bottom")
+            sheet.text(x_text, y_text, text, color=RAY, ha="center", va="bottom")
             free = x_text - half
 
 
@@ -299,9 +301,9 @@ def _draw_tube(sheet: Sheet, view: View, assembly: Assembly, tube: Tube, region:
     tip, bend = view.at(0.98 * assembly.base, outer), np.array([-4, 5])
     if second is not None:  # rays above it
         tip, bend = view.at(assembly.base, outer - tube.wall_mm / 2), np.array([-12, -8])
-    words = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", wall_description(tube)]
-    left = region.left + sheet.text_width(words[0]) + 3  # keep the label on the sheet
-    sheet.leader(tip, [max(tip[0] + bend[0], left), tip[1] + bend[1]], words, rightwards=False)
+    lines = [f"transparent tube Ø{2 * outer:g} × {tube.wall_mm:g}", wall_description(tube)]
+    left = region.left + sheet.text_width(lines[0]) + 3  # keep the label on the sheet
+    sheet.leader(tip, [max(tip[0] + bend[0], left), tip[1] + bend[1]], lines, rightwards=False)
 
 
 def _draw_rod(sheet: Sheet, view: View, assembly: Assembly, rod: Rod) -> None:
@@ -314,12 +316,12 @@ def _draw_rod(sheet: Sheet, view: View, assembly: Assembly, rod: Rod) -> None:
     sheet.hatch(outline, spacing=1.6)
     sheet.line(outline, THICK)
     width = f"{rod.diameter_mm:g}" + (f" to {rod.end_diameter_mm:g}" if end != radius else "")
-    tip, words = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{width} × {-foot:.4g}"]
+    tip, lines = view.at(0.6 * assembly.lens, -radius), [f"rod Ø{width} × {-foot:.4g}"]
     # below the rim ray at the end of the label, and below the lens label
-    y = _below_rays(view, assembly, tip[0] + 8 + sheet.text_width(words[0])) - 6
+    y = _below_rays(view, assembly, tip[0] + 8 + sheet.text_width(lines[0])) - 6
     if not sensor.lens.TELECENTRIC:
         y = min(y, _lens_words_y(sheet, view, assembly) - 6)
-    sheet.leader(tip, [tip[0] + 6, y], words)
+    sheet.leader(tip, [tip[0] + 6, y], lines)
 
 
 def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None:
@@ -338,8 +340,8 @@ def _draw_dome(sheet: Sheet, view: View, assembly: Assembly, dome: Dome) -> None
     base = float(radii[0] * np.sin(foot[0]))
     sheet.line(view.at([assembly.lens] * 2, [-base, base]), THIN, DASHED)
     tip = view.at(centres[1] + radii[1] * np.cos(0.9 * foot[1]), -radii[1] * np.sin(0.9 * foot[1]))
-    words = [f"transparent dome SØ{2 * radii[1]:g} × {dome.wall_mm:g}", wall_description(dome)]
-    sheet.leader(tip, tip + np.array([-14, -6]), words, rightwards=False)
+    lines = [f"transparent dome SØ{2 * radii[1]:g} × {dome.wall_mm:g}", wall_description(dome)]
+    sheet.leader(tip, tip + np.array([-14, -6]), lines, rightwards=False)
 
 
 def _draw_window(sheet: Sheet, view: View, assembly: Assembly, window: FlatWindow) -> None:
@@ -351,9 +353,9 @@ def _draw_window(sheet: Sheet, view: View, assembly: Assembly, window: FlatWindo
     sheet.hatch(pane, spacing=1.6)
     sheet.line(pane, THIN)
     size = "" if window.diameter_mm is None else f" Ø{window.diameter_mm:g} ×"
-    words = [f"window{size} {window.wall_mm:g}", wall_description(window)]
+    lines = [f"window{size} {window.wall_mm:g}", wall_description(window)]
     tip = view.at(outer, -0.8 * half)
-    sheet.leader(tip, tip + np.array([-7, -6]), words, rightwards=False)
+    sheet.leader(tip, tip + np.array([-7, -6]), lines, rightwards=False)
 
 
 def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
@@ -370,16 +372,16 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
     for tip, up in ((top, 1.0), (bottom, -1.0)):
         sheet.arrow(tip, (0.0, up))
     if sensor.lens.TELECENTRIC:
-        words = ["telecentric lens,", "at any distance"]
+        lines = ["telecentric lens,", "at any distance"]
         sheet.leader(
             view.at(assembly.lens, 0.5 * half),
             view.at(assembly.lens, 0.5 * half) + np.array([-6, 8]),
-            words,
+            lines,
             False,
         )
         return
     lens = cast(GaussianLens, sensor.lens)
-    words = lens_words(lens)
+    lines = lens_words(lens)
     size = imager.height_px * imager.pitch_mm / 2
     sheet.line(view.at([assembly.imager] * 2, [-size, size]), 2 * THICK, solid_capstyle="butt")
     tip = view.at(assembly.imager, size)
@@ -387,13 +389,13 @@ def _draw_camera(sheet: Sheet, view: View, assembly: Assembly) -> None:
     if sensor.secondary is not None:  # camera on the right
         right = view.at(max(assembly.back, assembly.imager), 0.0)[0] + 9
         sheet.leader(tip, [right, view.y + 12], about)
-        sheet.leader(bottom, [right, view.y - 18], words)
+        sheet.leader(bottom, [right, view.y - 18], lines)
         return
     if isinstance(assembly.housing.shell, Dome):  # to the left, clear of the wall
-        sheet.leader(bottom, bottom - np.array([10, 3]), words, rightwards=False)
+        sheet.leader(bottom, bottom - np.array([10, 3]), lines, rightwards=False)
         sheet.leader(tip, tip + np.array([-7, 12]), about, rightwards=False)
         return
-    sheet.leader(bottom, [bottom[0] + 7, _lens_words_y(sheet, view, assembly)], words)
+    sheet.leader(bottom, [bottom[0] + 7, _lens_words_y(sheet, view, assembly)], lines)
     sheet.leader(
         view.at(assembly.imager, -size), tip + np.array([-7, -20]), about, rightwards=False
     )
@@ -525,10 +527,10 @@ def _dimension_width(sheet: Sheet, view: View, assembly: Assembly, side: float) 
     shell = assembly.housing.shell
     if isinstance(shell, Tube):
         at = assembly.end if assembly.sensor.secondary is None else assembly.base
-        half, words = assembly.outer, f"Ø{2 * assembly.outer:g}"
+        half, text = assembly.outer, f"Ø{2 * assembly.outer:g}"
     elif isinstance(shell, Dome):
-        at, half, words = shell.centres_mm[1], assembly.outer, f"SØ{2 * assembly.outer:g}"
+        at, half, text = shell.centres_mm[1], assembly.outer, f"SØ{2 * assembly.outer:g}"
     else:
         half = sensor.mirror.rim_radius_mm
-        at, words = float(sensor.mirror.sag(half)), f"Ø{length_words(2 * half)}"
-    sheet.dimension(view.at(at, -half), view.at(at, half), side, words, upright=True)
+        at, text = float(sensor.mirror.sag(half)), f"Ø{length_words(2 * half)}"
+    sheet.dimension(view.at(at, -half), view.at(at, half), side, text, upright=True)

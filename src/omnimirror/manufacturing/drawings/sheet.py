@@ -120,14 +120,14 @@ def hatching(outline: Array, spacing: float, rising: bool = True) -> list[Array]
 
 
 @cache
-def _width_over_height(words: str, weight: str) -> float:
+def _width_over_height(text: str, weight: str) -> float:
     """Return the ratio of text width to capital height."""
     from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.ft2font import LoadFlags
 
     font = get_font(findfont(FontProperties(family="DejaVu Sans", weight=weight)))
     font.set_size(REFERENCE_FONT_SIZE, 72)
-    font.set_text(words, 0.0, flags=LoadFlags.NO_HINTING)
+    font.set_text(text, 0.0, flags=LoadFlags.NO_HINTING)
     return float(font.get_width_height()[0]) / 64 / REFERENCE_FONT_SIZE / CAPITAL
 
 
@@ -221,16 +221,16 @@ class Sheet:
 
     # -- text ------------------------------------------------------------------------------------
 
-    def text(self, x: float, y: float, words: str, height: float = LETTERS, **style: Any) -> None:
+    def text(self, x: float, y: float, string: str, height: float = LETTERS, **style: Any) -> None:
         """Draw text with a given capital height in mm."""
         style = {"ha": "left", "va": "baseline", "color": INK, **style}
         self.ax.text(
-            x, y, label(words), fontsize=height / CAPITAL * POINT, parse_math=False, **style
+            x, y, label(string), fontsize=height / CAPITAL * POINT, parse_math=False, **style
         )
 
-    def text_width(self, words: str, height: float = LETTERS, weight: Any = "normal") -> float:
+    def text_width(self, text: str, height: float = LETTERS, weight: Any = "normal") -> float:
         """Return the width of a text, mm."""
-        return _width_over_height(label(words), str(weight)) * height
+        return _width_over_height(label(text), str(weight)) * height
 
     def words_boxes(self) -> list[Region]:
         """Return the bounding boxes of all texts, mm."""
@@ -270,7 +270,7 @@ class Sheet:
         start: ArrayLike,
         end: ArrayLike,
         at: float,
-        words: str,
+        text: str,
         upright: bool = False,
         before: bool = False,
     ) -> None:
@@ -296,7 +296,7 @@ class Sheet:
                 self.line([place(point[along], e) for e in ends], FINE)
         inside = room > 2.6 * ARROW
         reach = 0.0 if inside else 2.2 * ARROW
-        width = self.text_width(words)
+        width = self.text_width(text)
         fits = width + 1.5 < room - (2 * ARROW if inside else 0)
         low, high = a[along] - reach, b[along] + reach
         middle = (a[along] + b[along]) / 2
@@ -314,23 +314,23 @@ class Sheet:
         self.text(
             x,
             y,
-            words,
+            text,
             ha="right" if upright else "center",
             va="center" if upright else "baseline",
             rotation=90 if upright else 0,
         )
 
     def leader(
-        self, tip: ArrayLike, bend: ArrayLike, words: Sequence[str], rightwards: bool = True
+        self, tip: ArrayLike, bend: ArrayLike, lines: Sequence[str], rightwards: bool = True
     ) -> None:
         """Draw a leader line with an arrow and text on its horizontal part."""
         tip, bend = np.asarray(tip, dtype=float), np.asarray(bend, dtype=float)
-        width = max(self.text_width(w) for w in words) + 2
+        width = max(self.text_width(w) for w in lines) + 2
         end = bend + np.array([width if rightwards else -width, 0.0])
         self.line([tip, bend, end], FINE)
         self.arrow(tip, tip - bend)
         left = min(bend[0], end[0]) + 1
-        for i, line in enumerate(reversed(words)):
+        for i, line in enumerate(reversed(lines)):
             self.text(left, bend[1] + (1 + 4 * i), line)
 
     # -- tables ----------------------------------------------------------------------------------
@@ -424,15 +424,15 @@ def datum(
     sheet.text(middle[0], middle[1] - LETTERS / 2, letter, ha="center")
 
 
-def surface_sign(sheet: Sheet, x: float, y: float, words: str, removed: bool = True) -> float:
+def surface_sign(sheet: Sheet, x: float, y: float, text: str, removed: bool = True) -> float:
     """Draw a surface texture symbol with its tip at (x, y) and return its right edge."""
     low, high = np.array([-2.2, 3.8]), np.array([4.4, 7.6])
-    width = sheet.text_width(words)
+    width = sheet.text_width(text)
     at = np.array([x, y])
     sheet.line([at + low, at, at + high, at + high + [width + 2.0, 0.0]], THIN)
     if removed:
         sheet.line([at + low, at + low * [-1.0, 1.0]], THIN)
-    sheet.text(x + high[0] + 0.8, y + high[1] - LETTERS - 1.0, words)
+    sheet.text(x + high[0] + 0.8, y + high[1] - LETTERS - 1.0, text)
     return float(x + high[0] + width + 2.0)
 
 
@@ -530,10 +530,10 @@ def draw_title(sheet: Sheet, block: TitleBlock, facts: SheetFacts) -> None:
     first_angle(sheet, right - 12.5, BOTTOM + 3.5 * ROW)
 
 
-def shortened(sheet: Sheet, words: str, room: float, height: float = LETTERS) -> str:
+def shortened(sheet: Sheet, text: str, room: float, height: float = LETTERS) -> str:
     """Truncate a text to a width in mm."""
-    if sheet.text_width(words, height) <= room:
-        return words
-    cuts = [words[:n].rstrip() + " .." for n in range(1, len(words))]
+    if sheet.text_width(text, height) <= room:
+        return text
+    cuts = [text[:n].rstrip() + " .." for n in range(1, len(text))]
     fitting = bisect_right(cuts, room, key=lambda cut: sheet.text_width(cut, height))
     return cuts[fitting - 1] if fitting else ""

@@ -298,10 +298,10 @@ def allocated_rows(tolerances: Mapping[str, float]) -> Rows:
         if name.startswith(OF_PART) or not value:
             continue
         stem, _, unit = name.rpartition("_")
-        words = ERROR_WORDS.get(name) or (stem if unit in UNITS else name).replace(
+        description = ERROR_WORDS.get(name) or (stem if unit in UNITS else name).replace(
             ".", " "
         ).replace("_", " ")
-        rows.append((words, f"± {value:.3g} {UNITS.get(unit, '')}".rstrip()))
+        rows.append((description, f"± {value:.3g} {UNITS.get(unit, '')}".rstrip()))
     return rows
 
 

@@ -177,8 +177,8 @@ class _Line(NamedTuple):
         ``is_inverted``.
         """
         flip = np.array([1.0, -1.0 if is_inverted else 1.0])
-        (ux, uy), place = self.along * flip, (self.origin + vertex[0] * self.along) * flip
-        return np.append(place, vertex[2]), tilt_deg[1] * np.array([-uy, ux])
+        (ux, uy), position = self.along * flip, (self.origin + vertex[0] * self.along) * flip
+        return np.append(position, vertex[2]), tilt_deg[1] * np.array([-uy, ux])
 
 
 class _Pose(NamedTuple):
@@ -485,17 +485,17 @@ def _step(
     def without(values: Array) -> Array:
         return values - symmetric @ (symmetric.T @ values)
 
-    left, basis = (
+    weighted, basis = (
         without(weight * distance),
         without(weight[:, None] * tangents(p, normal, rim)[:, allowed]),
     )
     u, size, v = np.linalg.svd(basis, full_matrices=False)
-    known = size > UNDETERMINED * size[0]
-    amount = v[known].T @ ((u[:, known].T @ left) / size[known])
-    step, free = np.zeros(6), np.zeros((int((~known).sum()), 5))
+    is_determined = size > UNDETERMINED * size[0]
+    amount = v[is_determined].T @ ((u[:, is_determined].T @ weighted) / size[is_determined])
+    step, free = np.zeros(6), np.zeros((int((~is_determined).sum()), 5))
     step[allowed] = -amount
-    free[:, allowed] = v[~known]
-    return step, free, _weights((left - basis @ amount) / weight, 1e-12 * rim)
+    free[:, allowed] = v[~is_determined]
+    return step, free, _weights((weighted - basis @ amount) / weight, 1e-12 * rim)
 
 
 def _rotation(vector: Array) -> Array:
@@ -518,14 +518,14 @@ def _upright(mirror: Mirror, points: Array, source: str) -> tuple[Array, bool, A
     weight = np.ones(len(points))
     for _ in range(ROUNDS // 4):
         bowl = np.linalg.lstsq(weight[:, None] * a, weight * points[:, 2], rcond=None)[0]
-        left = points[:, 2] - a @ bowl
-        weight = _weights(left, 1e-12 * rim)
+        residual = points[:, 2] - a @ bowl
+        weight = _weights(residual, 1e-12 * rim)
     if not deep:
         return points, False, np.array([0.0, 0.0, float(bowl[0])])
     is_inverted = bool(bowl[3] * np.sign(deep) < 0)
     if is_inverted:
         points, bowl = points * [1.0, -1.0, -1.0], bowl * [-1.0, -1.0, 1.0, -1.0]
-    if not abs(bowl[3]) > 1e-9 * abs(deep) / rim**2 + 3 * _scatter(left) / (
+    if not abs(bowl[3]) > 1e-9 * abs(deep) / rim**2 + 3 * _scatter(residual) / (
         np.sqrt(len(points)) * rim**2
     ):
         raise OmnimirrorError(

@@ -96,10 +96,10 @@ def forbes_asphere(mirror: Mirror, rms_residual_um: float = LEFT_UM) -> ForbesAs
     departure, basis = UM * (z - _sphere(x, radius)), _terms(x, radius, M, MAX_TERMS)
     for count in range(1, MAX_TERMS + 1):
         result, *_ = np.linalg.lstsq(basis[:, :count], departure, rcond=None)
-        left = float(np.sqrt(np.mean((departure - basis[:, :count] @ result) ** 2)))
-        if left <= rms_residual_um:
+        residual = float(np.sqrt(np.mean((departure - basis[:, :count] @ result) ** 2)))
+        if residual <= rms_residual_um:
             break
-    return ForbesAsphere(radius, M, tuple(result.tolist()), left)
+    return ForbesAsphere(radius, M, tuple(result.tolist()), residual)
 
 
 def _sphere(x: Array, radius: float) -> Array:

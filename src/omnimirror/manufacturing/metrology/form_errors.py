@@ -315,24 +315,24 @@ def form_error(
     if are_departures:
         points = _risen(mirror, points)
         check_spread(points, "the cloud within the rim")
-    place = aligned(mirror, points, f"the {what}", probe_radius_mm)
-    everything = _Heights.of(mirror, place)
-    sphere = None if place.radius_mm is None else _Sphere.of(mirror, place)
+    alignment = aligned(mirror, points, f"the {what}", probe_radius_mm)
+    everything = _Heights.of(mirror, alignment)
+    sphere = None if alignment.radius_mm is None else _Sphere.of(mirror, alignment)
     if sphere is not None:
         everything = sphere.less(everything)
-    part = everything.those(np.isfinite(place.distance_mm))
+    part = everything.those(np.isfinite(alignment.distance_mm))
     inside, equations = len(part.x), _Gram.of(part)
     while True:
-        fit = equations.of_profile() if place.is_profile else equations.chosen(order)
-        left = part.distance - part.modelled(fit.terms, fit.values)
-        far = np.abs(left) > max(
-            OUTLIER_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(left))), MIN_OUTLIER_MM
+        fit = equations.of_profile() if alignment.is_profile else equations.chosen(order)
+        residual = part.distance - part.modelled(fit.terms, fit.values)
+        far = np.abs(residual) > max(
+            OUTLIER_SIGMAS * MAD_TO_SIGMA * float(np.median(np.abs(residual))), MIN_OUTLIER_MM
         )
         if not far.any():
             break
         equations, part = equations.less(_Gram.of(part.those(far))), part.those(~far)
-    noise, shared = _noise(part, left, len(fit.terms))
-    sigmas = _sigmas(part, fit, left, noise)
+    noise, shared = _noise(part, residual, len(fit.terms))
+    sigmas = _sigmas(part, fit, residual, noise)
     amounts = {
         j: (UM * v, UM * s)
         for j, v, s in zip(fit.terms, fit.values.tolist(), sigmas.tolist(), strict=True)
@@ -344,7 +344,7 @@ def form_error(
     terms = tuple(FormTerm(j, *amounts[j]) for j in sorted(amounts))
     return FormError(
         mirror,
-        place,
+        alignment,
         terms,
         fit.order,
         inside - len(part.x),
@@ -353,7 +353,7 @@ def form_error(
         part.x * rim,
         part.y * rim,
         heights,
-        UM * left / part.up,
+        UM * residual / part.up,
     )
 
 
@@ -378,14 +378,14 @@ class _Sphere(NamedTuple):
     rim: float
 
     @classmethod
-    def of(cls, mirror: Mirror, place: Alignment) -> _Sphere | None:
+    def of(cls, mirror: Mirror, alignment: Alignment) -> _Sphere | None:
         """Return the best-fit sphere, or None if it ends inside the rim."""
-        assert place.radius_mm is not None
-        assert place.radius_sigma_mm is not None
+        assert alignment.radius_mm is not None
+        assert alignment.radius_sigma_mm is not None
         rim = mirror.rim_radius_mm
-        if abs(place.radius_mm) <= rim * (1 + 1e-6):
+        if abs(alignment.radius_mm) <= rim * (1 + 1e-6):
             return None
-        return cls(place.radius_mm, place.radius_sigma_mm, float(mirror.radius_t(0.0)), rim)
+        return cls(alignment.radius_mm, alignment.radius_sigma_mm, float(mirror.radius_t(0.0)), rim)
 
     def departure(self, rho: Array, more: float = 0.0) -> Array:
         """Return heights (n,) in mm above the nominal sphere at normalised radii (n,); ``more`` is
@@ -442,11 +442,14 @@ class _Heights(NamedTuple):
     up: Array
 
     @classmethod
-    def of(cls, mirror: Mirror, place: Alignment) -> _Heights:
+    def of(cls, mirror: Mirror, alignment: Alignment) -> _Heights:
         rim = mirror.rim_radius_mm
-        _, normal, _ = distances(mirror, place.points)
+        _, normal, _ = distances(mirror, alignment.points)
         return cls(
-            place.points[:, 0] / rim, place.points[:, 1] / rim, place.distance_mm, normal[:, 2]
+            alignment.points[:, 0] / rim,
+            alignment.points[:, 1] / rim,
+            alignment.distance_mm,
+            normal[:, 2],
         )
 
     def those(self, retained: NDArray[np.bool_]) -> _Heights:
@@ -511,9 +514,9 @@ class _Gram:
         best = self._best((n, n) for n in (ORDERS if order is None else (order,)))
         if best is None:
             valid = [n for n in ORDERS if self._fit(n, n) is not None]
-            words = f"; use order {valid[-1]}" if valid else ": gaps are too large"
+            advice = f"; use order {valid[-1]}" if valid else ": gaps are too large"
             raise OmnimirrorError(
-                f"the points do not determine terms up to order {order or ORDERS[0]}{words}"
+                f"the points do not determine terms up to order {order or ORDERS[0]}{advice}"
             )
         again = self._best((best.order, n) for n in ABOUT_AXIS if n >= best.order)
         return again or best
@@ -558,10 +561,10 @@ class _Gram:
     def _price(self, fit: _Fit) -> float:
         """Return the Schwarz criterion (BIC) of a fit."""
         at = np.searchsorted(self.terms, fit.terms)
-        left = max(
+        residual = max(
             self.squares - float(fit.values @ self.right[at]), ROUNDING * self.squares, 1e-300
         )
-        return self.count * float(np.log(left)) + len(fit.terms) * float(np.log(self.count))
+        return self.count * float(np.log(residual)) + len(fit.terms) * float(np.log(self.count))
 
 
 def _terms(order: int, about_axis: int) -> list[int]:
@@ -578,20 +581,20 @@ def _terms(order: int, about_axis: int) -> list[int]:
     )
 
 
-def _noise(part: _Heights, left: Array, terms: int) -> tuple[float, float]:
+def _noise(part: _Heights, residual: Array, terms: int) -> tuple[float, float]:
     """Return standard deviations (mm) of uncorrelated and correlated residuals of neighbouring
     points.
     """
     from scipy.spatial import KDTree
 
-    places = np.stack([part.x, part.y], axis=-1)
-    beside = KDTree(places).query(places, k=2)[1][:, 1]
-    noise = MAD_TO_SIGMA * float(np.median(np.abs(left - left[beside]))) / np.sqrt(2)
-    whole_variance = float((left**2).sum()) / max(len(left) - terms, 1)
+    positions = np.stack([part.x, part.y], axis=-1)
+    beside = KDTree(positions).query(positions, k=2)[1][:, 1]
+    noise = MAD_TO_SIGMA * float(np.median(np.abs(residual - residual[beside]))) / np.sqrt(2)
+    whole_variance = float((residual**2).sum()) / max(len(residual) - terms, 1)
     return float(noise), float(np.sqrt(max(whole_variance - noise**2, 0.0)))
 
 
-def _sigmas(part: _Heights, fit: _Fit, left: Array, noise: float) -> Array:
+def _sigmas(part: _Heights, fit: _Fit, residual: Array, noise: float) -> Array:
     """Compute standard uncertainties (t,) in mm of the terms by a cluster-robust estimate.
 
     Residuals within one cell of the mirror may be correlated; those of different cells are
@@ -604,6 +607,6 @@ def _sigmas(part: _Heights, fit: _Fit, left: Array, noise: float) -> Array:
     cell = ring * CELLS + sector
     scores = np.zeros((CELLS * CELLS // 2, len(fit.terms)))
     for some, basis in part.bases(fit.terms):
-        np.add.at(scores, cell[some], basis * left[some, None])
+        np.add.at(scores, cell[some], basis * residual[some, None])
     together = (((scores @ fit.inverse) ** 2).sum(axis=0)) * len(scores) / (len(scores) - 1)
     return np.asarray(np.sqrt(np.maximum(together, noise**2 * np.diag(fit.inverse))))

@@ -98,12 +98,16 @@ def _draw_terms(ax: Axes, form: FormError) -> None:
     ranked = sorted((t for t in form.terms if t.noll > 1), key=lambda term: -abs(term.um))[
         :MAX_BARS
     ]
-    places = np.arange(len(ranked))
+    positions = np.arange(len(ranked))
     colours = [PALETTE[0] if noll(t.noll)[1] == 0 else PALETTE[1] for t in ranked]
     ax.barh(
-        places, [t.um for t in ranked], xerr=[t.sigma_um for t in ranked], color=colours, ecolor=INK
+        positions,
+        [t.um for t in ranked],
+        xerr=[t.sigma_um for t in ranked],
+        color=colours,
+        ecolor=INK,
     )
-    ax.set_yticks(places, [f"{t.noll} {t.name}" for t in ranked])
+    ax.set_yticks(positions, [f"{t.noll} {t.name}" for t in ranked])
     ax.invert_yaxis()
     ax.set(xlabel="um rms")
     ax.set_title("largest terms")

@@ -173,8 +173,8 @@ def default_max_tolerance(sensor: Sensor, name: str, requested: float) -> float:
     >>> default_max_tolerance(om.load_sensor("paper-spherical"), "mirror.decentre_x_mm", 0.01)
     0.2
     """
-    known = error_sources(sensor).get(name)
-    return max(requested, known.typical_tolerances[GRADES[0]] if known else requested)
+    source = error_sources(sensor).get(name)
+    return max(requested, source.typical_tolerances[GRADES[0]] if source else requested)
 
 
 @dataclass(frozen=True)

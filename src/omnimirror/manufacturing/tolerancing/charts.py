@@ -42,7 +42,7 @@ def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
     ranked = sorted(rows, key=lambda row: -row.merits["motion_px"])[:MAX_BARS]
     figure = new_figure(PAGE * 0.8, 0.9 + ROW * len(ranked))
     ax = figure.subplots()
-    places = np.arange(len(ranked))
+    positions = np.arange(len(ranked))
     imaged = [("none", PALETTE[0], 0.8), ("affine", PALETTE[4], 0.5), ("pose", PALETTE[1], 0.22)]
     max_tolerances = (
         max((m for row in ranked if np.isfinite(m := row.merits["motion_px"])), default=0.0) or 1.0
@@ -50,15 +50,15 @@ def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
     for depth, colour, height in imaged:
         name = after("motion_px", depth)  # type: ignore[arg-type]  # one of them
         sizes = [min(row.merits[name], 2 * max_tolerances) for row in ranked]
-        words = "as built" if depth == "none" else f"after calibration: {depth}"
+        description = "as built" if depth == "none" else f"after calibration: {depth}"
         ax.barh(
-            places,
+            positions,
             np.maximum(sizes, MIN_BAR_FRACTION * max_tolerances),
             height,
             color=colour,
-            label=words,
+            label=description,
         )
-    ax.set_yticks(places, [f"{plot_text(row.name)}  ±{row.tolerance:.3g}" for row in ranked])
+    ax.set_yticks(positions, [f"{plot_text(row.name)}  ±{row.tolerance:.3g}" for row in ranked])
     ax.set(xscale="log", xlabel="maximum image motion, px")
     ax.set_xlim(MIN_BAR_FRACTION * max_tolerances, 1.3 * max_tolerances)
     ax.invert_yaxis()
@@ -89,9 +89,9 @@ def curves(statistics: YieldStatistics) -> Figure:
     motion = figure.add_subplot(grid[0, : 2 * ACROSS - 2])
     blur = figure.add_subplot(grid[0, 2 * ACROSS - 2 :], sharey=motion)
     for k, name in enumerate(others):
-        place = 2 * (k % ACROSS)
+        column = 2 * (k % ACROSS)
         _kept(
-            figure.add_subplot(grid[1 + k // ACROSS, place : place + 2], sharey=motion),
+            figure.add_subplot(grid[1 + k // ACROSS, column : column + 2], sharey=motion),
             statistics,
             name,
         )
@@ -151,13 +151,13 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
         np.ravel(figure.subplots(len(merits), 1, squeeze=False)), merits, strict=True
     ):
         ranked = sorted(result.indices[merit].items(), key=lambda item: -item[1].total)[:MAX_SHARES]
-        places = np.arange(len(ranked))
+        positions = np.arange(len(ranked))
         total, first = (
             [100 * getattr(share, what) for _, share in ranked] for what in ("total", "first")
         )
         errors = [200 * share.total_error for _, share in ranked]
         ax.barh(
-            places,
+            positions,
             total,
             0.8,
             color=PALETTE[5],
@@ -165,8 +165,8 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
             xerr=errors,
             error_kw={"ecolor": GREY, "elinewidth": 0.8},
         )
-        ax.barh(places, np.maximum(first, 0.0), 0.35, color=PALETTE[0], label="max_tolerance")
-        ax.set_yticks(places, [_label(name, result) for name, _ in ranked])
+        ax.barh(positions, np.maximum(first, 0.0), 0.35, color=PALETTE[0], label="max_tolerance")
+        ax.set_yticks(positions, [_label(name, result) for name, _ in ranked])
         for label, (name, _) in zip(ax.get_yticklabels(), ranked, strict=True):
             label.set_fontweight("bold" if name in result.groups else "normal")
         ax.set_xlim(0.0, None)
@@ -180,5 +180,5 @@ def plot_variance(result: VarianceDecomposition) -> Figure:
 
 
 def _label(name: str, result: VarianceDecomposition) -> str:
-    words = plot_text(name)
-    return f"{words} ({len(result.groups[name])})" if name in result.groups else words
+    text = plot_text(name)
+    return f"{text} ({len(result.groups[name])})" if name in result.groups else text

@@ -122,18 +122,20 @@ def fit_compensators(field: Field) -> Compensators:
     r = np.hypot(x, y)
     linear, quadratic = _by_pose(field)
     affine = _orthonormal(np.zeros((0, 2 * n)), shift + stretch)
-    taken, retained = affine, []
+    orthonormal, retained = affine, []
     for i, column in enumerate(linear):
-        before = len(taken)
-        taken = _orthonormal(taken, [column])
-        if len(taken) > before:
+        before = len(orthonormal)
+        orthonormal = _orthonormal(orthonormal, [column])
+        if len(orthonormal) > before:
             retained.append(i)
     pairs = list(combinations_with_replacement(retained, 2))
-    basis = _orthonormal(taken, [quadratic[pair] for pair in pairs])[len(affine) :]
+    basis = _orthonormal(orthonormal, [quadratic[pair] for pair in pairs])[len(affine) :]
     lines = np.stack([basis @ linear[i] for i in retained], axis=-1)
     curves = np.stack([basis @ quadratic[pair] for pair in pairs], axis=-1)
     mapping = [np.append(x * r ** (p - 1), y * r ** (p - 1)) for p in RADIAL_POWERS]
-    return Compensators(affine, basis, lines, curves, _orthonormal(taken, mapping)[len(taken) :])
+    return Compensators(
+        affine, basis, lines, curves, _orthonormal(orthonormal, mapping)[len(orthonormal) :]
+    )
 
 
 def _orthonormal(rows: Array, more: list[Array]) -> Array:
@@ -248,16 +250,16 @@ def evaluate_numpy(reference: Reference, values: Values) -> tuple[Array, Array]:
         images, are_lost, focus_mm = reference.field.images_and_focus(
             values, refocus=reference.refocus
         )
-        lost = are_lost.sum(axis=1)
-        merits = np.full((len(lost), MERITS), np.nan)
-        merits[:, -1] = lost
+        lost_count = are_lost.sum(axis=1)
+        merits = np.full((len(lost_count), MERITS), np.nan)
+        merits[:, -1] = lost_count
         moved = motion(images.offsets_px, reference.reference_px)
         deg_per_px = np.asarray(np.linalg.inv(reference.field.px_per_deg), dtype=float)
-        for k, left in enumerate(reference.compensators.left(np.nan_to_num(moved))):
-            merits[:, 4 * k : 4 * k + 4] = _motion_merits(left, deg_per_px)
+        for k, residuals in enumerate(reference.compensators.left(np.nan_to_num(moved))):
+            merits[:, 4 * k : 4 * k + 4] = _motion_merits(residuals, deg_per_px)
         at = 4 * len(CALIBRATIONS)
         merits[:, at : at + 3] = _blur_merits(reference, images, focus_mm)
-        merits[lost > 0, :-1], moved[lost > 0] = np.nan, np.nan
+        merits[lost_count > 0, :-1], moved[lost_count > 0] = np.nan, np.nan
     return merits, moved
 
 
@@ -269,9 +271,9 @@ def _blur_merits(reference: Reference, images: TrialImages, focus_mm: Array) -> 
     return np.stack([largest_diameter(blur).max(axis=1), area.max(axis=1), focus_mm], axis=-1)
 
 
-def _motion_merits(left: Array, deg_per_px: Array) -> Array:
+def _motion_merits(residuals: Array, deg_per_px: Array) -> Array:
     """Return RMS and maximum (t, 4) of residuals (t, 2 n), in px and in deg."""
-    vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)
+    vectors = np.stack(np.split(residuals, 2, axis=-1), axis=-1)
     turned = np.einsum("nij,tnj->tni", deg_per_px, vectors)
     squares = [(v**2).sum(axis=-1) for v in (vectors, turned)]
     return np.stack([f(s) for s in squares for f in (_rms, _worst)], axis=-1)

@@ -186,9 +186,9 @@ class TrialEvaluator(Reference):
         merits, displaced = _evaluated(self, values)
         if self.required is None:
             return merits, displaced
-        more, lost = self.required.evaluate(values, image_motions)
+        more, lost_count = self.required.evaluate(values, image_motions)
         whole = np.concatenate(
-            [merits[:, :-1], more, np.maximum(merits[:, -1:], lost[:, None])], axis=1
+            [merits[:, :-1], more, np.maximum(merits[:, -1:], lost_count[:, None])], axis=1
         )
         whole[whole[:, -1] > 0, :-1] = displaced[whole[:, -1] > 0] = np.nan
         return whole, displaced

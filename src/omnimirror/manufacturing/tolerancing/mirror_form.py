@@ -112,8 +112,8 @@ class RandomFigure:
 def _places() -> Array:
     """Return grid points (n, 2) of the unit disc."""
     x, y = (v.ravel() for v in np.meshgrid(*2 * [np.linspace(-1, 1, GRID)]))
-    places: Array = np.stack([x, y], axis=-1)[np.hypot(x, y) <= 1]
-    return places
+    positions: Array = np.stack([x, y], axis=-1)[np.hypot(x, y) <= 1]
+    return positions
 
 
 def _peak_to_valley(sigmas: dict[int, float]) -> float:
@@ -275,9 +275,9 @@ def form_effect(sensor: Sensor, form: FormError) -> FormEffect:
     nominal, as_built = (
         dict(zip(names, row.tolist(), strict=True)) for row in evaluator.evaluate(values)
     )
-    lost, _ = int(as_built.pop("lost_rays")), nominal.pop("lost_rays")
+    lost_rays, _ = int(as_built.pop("lost_rays")), nominal.pop("lost_rays")
     beyond = float(np.sqrt(sum(um**2 for j, um in amounts.items() if j > TERMS)))
-    return FormEffect(nominal, as_built, lost, beyond)
+    return FormEffect(nominal, as_built, lost_rays, beyond)
 
 
 @validate_arguments

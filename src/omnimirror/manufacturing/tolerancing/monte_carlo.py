@@ -163,12 +163,12 @@ class YieldStatistics(Result):
         self.sums += of_whole.sum(axis=0)
         scale = BINS / np.log(MAX_BIN / MIN_BIN)
         away = of_whole - np.array([self._origin(name) for name in self.names])
-        place = (np.log(np.clip(np.abs(away), MIN_BIN, MAX_BIN * 0.999) / MIN_BIN) * scale).astype(
+        bins = (np.log(np.clip(np.abs(away), MIN_BIN, MAX_BIN * 0.999) / MIN_BIN) * scale).astype(
             np.intp
         )
-        place = np.where(away < 0, BINS - 1 - place, BINS + place)
-        for row, places in zip(self.counts, place.T, strict=True):
-            row += np.bincount(places, minlength=2 * BINS)
+        bins = np.where(away < 0, BINS - 1 - bins, BINS + bins)
+        for row, bins_of_merit in zip(self.counts, bins.T, strict=True):
+            row += np.bincount(bins_of_merit, minlength=2 * BINS)
 
     @property
     def yields(self) -> YieldEstimate:
@@ -186,15 +186,15 @@ class YieldStatistics(Result):
             return 0.0 if is_lower_limit(merit) else np.inf
         if is_lower_limit(merit):
             target = counts[-1] - target
-        place = int(np.searchsorted(counts, target))
-        return float(self._values(merit, np.array([place]), 0.5).item())
+        bin_index = int(np.searchsorted(counts, target))
+        return float(self._values(merit, np.array([bin_index]), 0.5).item())
 
-    def _values(self, merit: str, places: NDArray[np.intp], share: float) -> Array:
+    def _values(self, merit: str, bins: NDArray[np.intp], share: float) -> Array:
         """Return values (n,) within bins at a given fraction; values in the innermost bins are 0."""
-        above = places >= BINS
-        steps = np.where(above, places - BINS + share, BINS - places - share)
+        above = bins >= BINS
+        steps = np.where(above, bins - BINS + share, BINS - bins - share)
         away = np.where(
-            np.isin(places, (BINS - 1, BINS)), 0.0, MIN_BIN * (MAX_BIN / MIN_BIN) ** (steps / BINS)
+            np.isin(bins, (BINS - 1, BINS)), 0.0, MIN_BIN * (MAX_BIN / MIN_BIN) ** (steps / BINS)
         )
         values: Array = self._origin(merit) + np.where(above, away, -away)
         return values

@@ -61,23 +61,23 @@ def sequential_images(
 
     Physically impossible sensors, for example with a mirror that intersects its tube, lose all objects.
     """
-    n, shown = len(targets.xyz), []
+    n, images = len(targets.xyz), []
     check_error_names(sensor, values)
     for k in range(count):
         try:
             built = perturbed(sensor, {name: float(of[k]) for name, of in values.items()})
-            shown.append(images_within_rim(built, sensor, targets, refocus, rim_slack))
+            images.append(images_within_rim(built, sensor, targets, refocus, rim_slack))
         except OmnimirrorError:
             blank = np.full((n, 2), np.nan), np.full((n, 2, 2), np.nan), np.nan
-            shown.append(SensorImages(*blank, np.ones(n, dtype=bool)))
+            images.append(SensorImages(*blank, np.ones(n, dtype=bool)))
     offsets, blur = (
-        np.stack([getattr(one, name) for one in shown]) for name in ("offsets_px", "blur_px")
+        np.stack([getattr(one, name) for one in images]) for name in ("offsets_px", "blur_px")
     )
-    focus = np.array([one.focus_mm for one in shown])
+    focus = np.array([one.focus_mm for one in images])
     by_direction = np.full((count, n, 2, 3), np.nan)
     return (
         TrialImages(offsets, blur, by_direction, 1 / focus),
-        np.stack([one.lost for one in shown]),
+        np.stack([one.lost for one in images]),
         focus,
     )
 
@@ -114,7 +114,7 @@ def sensor_images(
     """Compute the images of targets in one sensor, in px from the centre of the nominal sensor."""
     n, train = len(targets.xyz), built.optical_train
     result = train.chief_rays_to(targets)
-    lost = ~(result.valid if rim_slack <= RIM_SLACK else result.reflects)
+    is_lost = ~(result.valid if rim_slack <= RIM_SLACK else result.reflects)
     pupils = train.entrance_pupil_points(
         np.tile(MARGINAL_RAYS, (n, 1)), np.repeat(result.chief_slopes, 4, axis=0)
     )
@@ -134,15 +134,15 @@ def sensor_images(
 
     with np.errstate(all="ignore"):
         if refocus != "none":
-            built = _focused(built, imaged, lost, refocus)
+            built = _focused(built, imaged, is_lost, refocus)
         offsets, blur = imaged(built)
     moved = np.subtract(built.imager.centre, nominal.imager.centre)
-    blank = np.where(lost, np.nan, 1.0)
+    blank = np.where(is_lost, np.nan, 1.0)
     return SensorImages(
         (offsets + moved) * blank[:, None],
         blur * blank[:, None, None],
         built.lens.focus_distance_mm,
-        lost,
+        is_lost,
     )
 
 
@@ -179,7 +179,7 @@ def _tilt_blur(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
     return added
 
 
-def _focused(built: Sensor, imaged: object, lost: NDArray[np.bool_], refocus: Refocus) -> Sensor:
+def _focused(built: Sensor, imaged: object, is_lost: NDArray[np.bool_], refocus: Refocus) -> Sensor:
     """Return the sensor at best focus; blur divided by image scale is linear in the focus
     coordinate.
     """
@@ -189,7 +189,7 @@ def _focused(built: Sensor, imaged: object, lost: NDArray[np.bool_], refocus: Re
     parts = []
     for coordinate in (here, near):
         at = built.with_lens(lens.focused_at(float(lens.distance_of(coordinate))))
-        parts.append(imaged(at)[1][~lost] / lens.through_focus(coordinate).image_scale)  # type: ignore[operator]
+        parts.append(imaged(at)[1][~is_lost] / lens.through_focus(coordinate).image_scale)  # type: ignore[operator]
     widen = (parts[1] - parts[0]) / (near - here)
     spread = here * widen - parts[0]
     best = float(focus_vergences(widen[None], spread[None], refocus)[0])
@@ -261,8 +261,8 @@ class Field:
             )
         states = states_of(self.sensor, values, count)
         result = trace_objects(states, self.targets, self.distant, self.start, rim_slack)
-        shown = form_images(states, result, refocus)
-        return shown, result.lost, 1 / shown.vergence + states.focal_mm - states.breathing_mm
+        images = form_images(states, result, refocus)
+        return images, result.lost, 1 / images.vergence + states.focal_mm - states.breathing_mm
 
 
 def field_of(
@@ -365,18 +365,18 @@ def field_at(sensor: Sensor, omega_deg: Array, azimuth_deg: Array, distance: flo
     distant = bool(np.isinf(distance))
     targets = away if distant else points + distance * away
     bare = Field(sensor, targets, distant, start, omega_deg, omega_deg, omega_deg, azimuth_deg)
-    shown, lost, _ = bare.images_and_focus({}, count=1)
-    if lost.any():
+    images, is_lost, _ = bare.images_and_focus({}, count=1)
+    if is_lost.any():
         raise InvalidParameter(
             f"field_deg must be within the unobscured field of {sensor.name!r}, "
             f"{sensor.clear_field_deg[0]:.4g} to {sensor.clear_field_deg[1]:.4g} deg; rays "
-            f"at {omega_deg[lost[0]][0]:.4g} deg are lost"
+            f"at {omega_deg[is_lost[0]][0]:.4g} deg are lost"
         )
     if is_vectorised(sensor):
-        px_per_deg = np.radians(shown.by_direction[0] @ turned)
+        px_per_deg = np.radians(images.by_direction[0] @ turned)
     else:
         px_per_deg = _px_per_deg(bare, points, distance, turned)
-    return replace(bare, offsets_px=shown.offsets_px[0], px_per_deg=px_per_deg)
+    return replace(bare, offsets_px=images.offsets_px[0], px_per_deg=px_per_deg)
 
 
 def _px_per_deg(field: Field, points: Array, distance: float, turned: Array) -> Array:

@@ -159,11 +159,11 @@ def error_sources(sensor: Sensor) -> dict[str, ErrorSource]:
     ['mirror.vertex_radius_mm', 'mirror.conic']
     """
     lens, has_two = sensor.lens, sensor.secondary is not None
-    place = (
+    location = (
         [kind for kind in _PLACE if kind.name == "mirror.displacement_mm"] if has_two else _PLACE
     )
     kinds = [
-        *place,
+        *location,
         *(_SECONDARY if has_two else ()),
         *_shape(sensor.mirror),
         *(() if has_two else _form()),
@@ -202,17 +202,24 @@ def _shape(mirror: Any) -> list[ErrorSource]:
     if isinstance(mirror, EvenPolynomial | ConicAsphere):
         for i, value in enumerate(mirror.coefficients):
             size = abs(value) or 1e-6
-            words = f"coefficient {i} of the polynomial"
+            description = f"coefficient {i} of the polynomial"
             kinds.append(
-                _kind(f"mirror.coefficients[{i}]", "", words, 1e-2 * size, 2e-3 * size, 4e-4 * size)
+                _kind(
+                    f"mirror.coefficients[{i}]",
+                    "",
+                    description,
+                    1e-2 * size,
+                    2e-3 * size,
+                    4e-4 * size,
+                )
             )
     return kinds
 
 
 def _form() -> list[ErrorSource]:
-    words = "form error, Noll Zernike term {}, rms"
+    description = "form error, Noll Zernike term {}, rms"
     return [
-        _kind(f"mirror.zernike_{j}_um", "um", words.format(j), *FORM_SIZES)
+        _kind(f"mirror.zernike_{j}_um", "um", description.format(j), *FORM_SIZES)
         for j in range(4, TERMS + 1)
     ]
 
@@ -453,10 +460,10 @@ def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:
 
 def check_error_names(sensor: Sensor, names: Iterable[str]) -> None:
     """Raise an error for error sources that a sensor does not have."""
-    known = error_sources(sensor)
+    sources = error_sources(sensor)
     for name in names:
         if name not in RIGID_TERMS:
-            check_name(name, known)
+            check_name(name, sources)
 
 
 NEEDED = {
@@ -468,20 +475,20 @@ NEEDED = {
 """Missing component of sensors without the error sources of a prefix."""
 
 
-def check_name(name: str, known: Mapping[str, ErrorSource]) -> None:
+def check_name(name: str, sources: Mapping[str, ErrorSource]) -> None:
     """Raise an error for an unknown error source, with similar names."""
     if not isinstance(name, str):
         raise InvalidType(f"error names must be strings; got {format_value(name)}")
-    if name not in known:
+    if name not in sources:
         from difflib import get_close_matches
 
-        near = get_close_matches(name, known, 3)
+        near = get_close_matches(name, sources, 3)
         advice = (
             f"did you mean {' or '.join(near)}?"
             if near
-            else f"use {', '.join(list(known)[:8])}, ..."
+            else f"use {', '.join(list(sources)[:8])}, ..."
         )
         for start, needed in NEEDED.items():
-            if name.startswith(start) and not any(other.startswith(start) for other in known):
+            if name.startswith(start) and not any(other.startswith(start) for other in sources):
                 advice = f"it has {needed}"
         raise InvalidParameter(f"{name!r} is not an error source of this sensor; {advice}")

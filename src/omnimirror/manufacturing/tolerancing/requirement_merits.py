@@ -86,8 +86,8 @@ class MeritName:
         'min resolution_px_per_deg, 20 to 100 deg'
         """
         frequency = "" if self.cycles_per_px is None else f" at {self.cycles_per_px:g} cycles/px"
-        words = f"{MIN_PREFIX if self.is_lower_limit else ''}{self.quantity}{frequency}{format_part(self.omega_deg)}"
-        return after(words, self.after)  # type: ignore[arg-type]  # _check rejects other words
+        label = f"{MIN_PREFIX if self.is_lower_limit else ''}{self.quantity}{frequency}{format_part(self.omega_deg)}"
+        return after(label, self.after)  # type: ignore[arg-type]  # _check rejects other words
 
     def limit(self, value: float) -> Limit:
         """Convert to a limit of a requirement file."""
@@ -304,15 +304,15 @@ class RequiredMerits:
             for part in parts
         ]
         return np.concatenate([merits for merits, _ in both]), np.concatenate(
-            [lost for _, lost in both]
+            [lost_count for _, lost_count in both]
         )
 
     def _of_some(self, values: Values, motions: Motions) -> tuple[Array, NDArray[np.intp]]:
-        rows, lost = self.rows(values, motions)
+        rows, lost_count = self.rows(values, motions)
         merits = np.stack([one.merit() for one in rows.values()], axis=-1)
-        lost = np.maximum(lost, np.isnan(merits).any(axis=1))
-        merits[lost > 0] = np.nan
-        return merits, lost
+        lost_count = np.maximum(lost_count, np.isnan(merits).any(axis=1))
+        merits[lost_count > 0] = np.nan
+        return merits, lost_count
 
     def rows(
         self, values: Values, motions: Motions
@@ -343,8 +343,8 @@ class RequiredMerits:
     ) -> MeritRows:
         if merit.quantity == STRAIGHTNESS:
             assert departures is not None, "straightness requires departures of lines"
-            left = departures[CALIBRATIONS.index(merit.after)]
-            return MeritRows("departure", left.reshape(len(left), -1))
+            residuals = departures[CALIBRATIONS.index(merit.after)]
+            return MeritRows("departure", residuals.reshape(len(residuals), -1))
         if merit.quantity == "rim_reach_px":
             return MeritRows("largest", rim().reach_px)
         if merit.quantity == "field_to_deg":

@@ -60,10 +60,10 @@ def vectorised_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
     assert isinstance(lens, Perspective), "vectorised evaluation requires a perspective lens"
     states = states_of(field.sensor, values)
     result = trace_objects(states, field.targets, field.distant, field.start)
-    shown = form_images(states, result, refocus)
+    images = form_images(states, result, refocus)
     _, turned = directions_of(field.omega_deg, field.azimuth_deg)
     turned = np.einsum("tji,njk->tnik", states.rotation, turned)
-    distance = states.focal_mm / (1 - states.breathing_mm * shown.vergence)
+    distance = states.focal_mm / (1 - states.breathing_mm * images.vergence)
     airy_px = (
         lens.airy_diameter()
         / lens.image_f_number()
@@ -73,12 +73,12 @@ def vectorised_views(field: Field, values: Values, refocus: Refocus) -> tuple[Tr
     )
     rays = _rays_out(states, result, field)
     viewpoints, middle = viewpoint_heights(rays, field.omega_deg)
-    scale = np.radians(shown.by_direction @ turned)
+    scale = np.radians(images.by_direction @ turned)
     optics = Optics(
         airy_px, light_of(np.hypot(*np.moveaxis(result.tangents, -1, 0))), distance, *_sizes(states)
     )
-    view = field_values(scale, shown.blur_px, optics, viewpoints, field, rays.origins)
-    return TrialView(view, middle, result.lost.sum(axis=1)), shown.vergence
+    view = field_values(scale, images.blur_px, optics, viewpoints, field, rays.origins)
+    return TrialView(view, middle, result.lost.sum(axis=1)), images.vergence
 
 
 class Optics(NamedTuple):
@@ -316,17 +316,17 @@ def _seen_by(field: Field, errors: dict[str, float], refocus: Refocus) -> _Seen:
     n, targets = len(field), RayEndpoints(field.targets, field.distant)
     try:
         built = perturbed(field.sensor, errors)
-        shown = images_within_rim(built, field.sensor, targets, refocus)
-        built = built.with_lens(built.lens.focused_at(shown.focus_mm))
+        images = images_within_rim(built, field.sensor, targets, refocus)
+        built = built.with_lens(built.lens.focused_at(images.focus_mm))
         with np.errstate(all="ignore"):
             scale = _px_per_deg(built, field)
             return _Seen(
                 scale,
-                shown.blur_px,
+                images.blur_px,
                 *_rays(built, field),
                 _optics(built, targets),
-                shown.focus_mm,
-                int(shown.lost.sum()),
+                images.focus_mm,
+                int(images.lost.sum()),
             )
     except OmnimirrorError:
         blank, pair, lens = np.full((n, 3), np.nan), np.full((n, 2, 2), np.nan), np.full(n, np.nan)
@@ -434,8 +434,8 @@ class StraightLines:
         low, high = field.omega_deg.min(), field.omega_deg.max()
         omega, azimuth, across = lines_over(float(low), float(high))
         objects = field_at(field.sensor, omega.ravel(), azimuth.ravel(), distance_mm)
-        shown = objects.images_and_focus({}, 1, refocus=refocus)[0].offsets_px[0]
-        reference = Reference(objects, fit_compensators(objects), shown, refocus, floor_px2)
+        offsets_px = objects.images_and_focus({}, 1, refocus=refocus)[0].offsets_px[0]
+        reference = Reference(objects, fit_compensators(objects), offsets_px, refocus, floor_px2)
         tau = np.radians(np.linspace(-0.5, 0.5, LINE_POINTS) * line_length(low, high))
         fit = np.stack([np.cos(tau), np.sin(tau)], axis=-1)
         return cls(reference, across, np.eye(LINE_POINTS) - fit @ np.linalg.pinv(fit))
@@ -444,8 +444,8 @@ class StraightLines:
         """Return departures (calibrations, t, l, p) in deg of motions (t, 2 n) in px after
         calibrations.
         """
-        left = self.reference.compensators.left(displaced)
-        vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)
+        residuals = self.reference.compensators.left(displaced)
+        vectors = np.stack(np.split(residuals, 2, axis=-1), axis=-1)
         turned = np.einsum(
             "nij,ctnj->ctni", np.linalg.inv(self.reference.field.px_per_deg), vectors
         )

@@ -85,10 +85,10 @@ def merit_rates(
     objects = evaluator.field
     nodes: Mapping[str, Array] = {name: step * NODES}
     values = nodes if tolerances is None else tolerances.expand_forms(nodes)
-    shown, _, focus_mm = objects.images_and_focus(values, refocus=evaluator.refocus)
-    displaced = motion(shown.offsets_px, evaluator.reference_px)
-    left = evaluator.compensators.left(displaced)
-    vectors = np.stack(np.split(left, 2, axis=-1), axis=-1)  # (calibrations, nodes, n, 2)
+    images, _, focus_mm = objects.images_and_focus(values, refocus=evaluator.refocus)
+    displaced = motion(images.offsets_px, evaluator.reference_px)
+    residuals = evaluator.compensators.left(displaced)
+    vectors = np.stack(np.split(residuals, 2, axis=-1), axis=-1)  # (calibrations, nodes, n, 2)
     deg_per_px = np.linalg.inv(objects.px_per_deg)
     rates = {}
     for depth, of in zip(CALIBRATIONS, vectors, strict=True):
@@ -106,7 +106,7 @@ def merit_rates(
     focus = _differences(focus_mm, step)
     return (
         rates
-        | _of_blur(evaluator, shown, step)
+        | _of_blur(evaluator, images, step)
         | {"focus_distance_mm": Rates(*map(float, focus))}
         | _of_required(evaluator, values, step)
     )
@@ -190,8 +190,8 @@ def _largest(value: Array, first: Array, second: Array) -> Rates:
     return Rates(float(rate), float(second[is_largest].max()))
 
 
-def _of_blur(evaluator: TrialEvaluator, shown: TrialImages, step: float) -> dict[str, Rates]:
-    blur, floor = shown.blur_px, evaluator.floor_px2
+def _of_blur(evaluator: TrialEvaluator, images: TrialImages, step: float) -> dict[str, Rates]:
+    blur, floor = images.blur_px, evaluator.floor_px2
     squares = (blur**2).sum(axis=(-2, -1))
     area = np.sqrt(np.linalg.det(blur) ** 2 + floor * squares + floor**2) / np.abs(
         np.linalg.det(evaluator.field.px_per_deg)
@@ -339,12 +339,12 @@ def _first_violation(
     """Return the index of the first increasing error that violates a limit; evaluate in small
     batches.
     """
-    place = evaluator.names.index(merit)
+    column = evaluator.names.index(merit)
     for start in range(0, len(sizes), BATCH_SIZE):
         some = sizes[start : start + BATCH_SIZE]
         values = tolerances.expand_forms({name: np.concatenate([some, -some])})
         good = (
-            satisfies_limit(evaluator.evaluate(values)[:, place], merit, limit)
+            satisfies_limit(evaluator.evaluate(values)[:, column], merit, limit)
             .reshape(2, -1)
             .all(axis=0)
         )
@@ -432,20 +432,20 @@ def sobol_indices(
     InvalidParameter
         If a merit is unknown or more than half of the trials lose rays.
     """
-    known = evaluator.names[:-1]
+    names = evaluator.names[:-1]
     for name in merits:
-        if name not in known:
-            raise InvalidParameter(f"merits must be from {', '.join(known)}; got {name!r}")
+        if name not in names:
+            raise InvalidParameter(f"merits must be from {', '.join(names)}; got {name!r}")
     groups, factors = _factors(tolerances)
-    columns = [known.index(name) for name in merits]
-    runs, lost = [], []
+    columns = [names.index(name) for name in merits]
+    runs, losses = [], []
     for run in range(RUNS):
         values = _values(evaluator, tolerances, list(factors.values()), columns, (seed, run), draws)
         runs.append(_indices(values))
-        lost.append(np.isnan(values[..., 0]).mean())
-    if np.mean(lost) > MAX_LOST:
+        losses.append(np.isnan(values[..., 0]).mean())
+    if np.mean(losses) > MAX_LOST:
         raise InvalidParameter(
-            f"at most half of the trials may lose rays; got {100 * np.mean(lost):.0f} %; reduce the tolerances or "
+            f"at most half of the trials may lose rays; got {100 * np.mean(losses):.0f} %; reduce the tolerances or "
             "the field"
         )
     mean, error = np.mean(runs, axis=0), np.std(runs, axis=0, ddof=1) / np.sqrt(RUNS)
@@ -453,7 +453,7 @@ def sobol_indices(
         merit: {name: SobolIndex(*mean[:, i, k], *error[:, i, k]) for i, name in enumerate(factors)}
         for k, merit in enumerate(merits)
     }
-    return VarianceDecomposition(groups, shares, float(np.mean(lost)))
+    return VarianceDecomposition(groups, shares, float(np.mean(losses)))
 
 
 def _factors(tolerances: Tolerances) -> tuple[dict[str, tuple[str, ...]], dict[str, list[int]]]:

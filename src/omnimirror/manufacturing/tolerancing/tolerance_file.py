@@ -313,7 +313,7 @@ def _errors(
     tables: list[dict[str, Any]], sensor: Sensor, where: SourceLocator
 ) -> tuple[dict[str, Tolerance], dict[str, float], dict[str, float]]:
     """Return tolerances, costs and maximum tolerances by error source."""
-    known, errors, costs, max_tolerances = (
+    sources, errors, costs, max_tolerances = (
         error_sources(sensor),
         dict[str, Tolerance](),
         dict[str, float](),
@@ -321,7 +321,7 @@ def _errors(
     )
 
     def is_new(name: str) -> None:
-        check_name(name, known)
+        check_name(name, sources)
         if name in errors:
             raise SpecError(f"{name} has two tolerances; remove one")
 

@@ -144,9 +144,9 @@ class Tolerances:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        known = error_sources(self.sensor) | {measured(name): MEASURED for name in self.forms}
+        sources = error_sources(self.sensor) | {measured(name): MEASURED for name in self.forms}
         for name in self.errors:
-            check_name(name, known)
+            check_name(name, sources)
         if not self.errors:
             raise InvalidParameter("errors must contain at least one error; got none")
         self._mixing()

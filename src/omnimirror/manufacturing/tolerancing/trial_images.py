@@ -342,12 +342,12 @@ def focus_vergences(widen: Array, spread: Array, refocus: Refocus) -> Array:
     a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_a, at_b = worst(a), worst(b)
     for _ in range(HALVINGS):
-        left = at_a < at_b
-        low, high = np.where(left, low, a), np.where(left, b, high)
-        new = np.where(left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+        is_left = at_a < at_b
+        low, high = np.where(is_left, low, a), np.where(is_left, b, high)
+        new = np.where(is_left, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
         at_new = worst(new)
-        a, b = np.where(left, new, b), np.where(left, a, new)
-        at_a, at_b = np.where(left, at_new, at_b), np.where(left, at_a, at_new)
+        a, b = np.where(is_left, new, b), np.where(is_left, a, new)
+        at_a, at_b = np.where(is_left, at_new, at_b), np.where(is_left, at_a, at_new)
     return np.asarray((low + high) / 2)
 
 

@@ -284,7 +284,7 @@ class Surfaces:
     @classmethod
     def of(
         cls,
-        places: Array,
+        positions: Array,
         texture_coordinates: NDArray[np.floating],
         texture_of: NDArray[np.integer] | int,
         is_triangle: NDArray[np.bool_] | bool,
@@ -294,7 +294,7 @@ class Surfaces:
 
         Parameters
         ----------
-        places : (n, 3, 3) array, mm
+        positions : (n, 3, 3) array, mm
             Corner and both sides, in the world frame.
         texture_coordinates : (n, 3, 2) array, texels
             Column and row of the corner in its texture, and the increments along the sides.
@@ -304,8 +304,8 @@ class Surfaces:
             True for the half of the parallelogram at the corner.
         textures
         """
-        records = np.empty(len(places), RECORD)
-        records["corner"], records["sides"] = places[:, 0], places[:, 1:]
+        records = np.empty(len(positions), RECORD)
+        records["corner"], records["sides"] = positions[:, 0], positions[:, 1:]
         records["texel"], records["texel_sides"] = (
             texture_coordinates[:, 0],
             texture_coordinates[:, 1:],
@@ -457,8 +457,8 @@ def textured_triangles(triangles: Array, at: NDArray[np.floating], texture: Text
     """Return triangles (n, 3, 3), mm, with the texture position of the first vertex and the
     increments along both sides (n, 3, 2).
     """
-    places = np.concatenate([triangles[:, :1], triangles[:, 1:] - triangles[:, :1]], axis=1)
-    return Surfaces.of(places, at, 0, True, (texture,))
+    vectors = np.concatenate([triangles[:, :1], triangles[:, 1:] - triangles[:, :1]], axis=1)
+    return Surfaces.of(vectors, at, 0, True, (texture,))
 
 
 def combine_surfaces(parts: Sequence[Surfaces]) -> Surfaces:

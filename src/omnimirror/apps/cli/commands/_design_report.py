@@ -32,12 +32,12 @@ EXIT_MISSED = 3
 def print_design(console: Console, design: Design) -> None:
     """Print the notes of the design and the table of its requirements."""
     sensor = design.sensor
-    place = (
+    lens_position = (
         ""
         if sensor.lens.TELECENTRIC
         else f", lens {_number(sensor.mirror_distance_mm)} mm from its vertex"
     )
-    print_line((sensor.name, "bold"), f": {sensor.mirror.KIND}{place}", console=console)
+    print_line((sensor.name, "bold"), f": {sensor.mirror.KIND}{lens_position}", console=console)
     for note in design.notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
     console.print()

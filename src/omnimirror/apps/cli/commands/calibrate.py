@@ -253,7 +253,7 @@ def command(
     page, figures = _report_files(report)
     board, model_arguments, console = target.target_board(), camera.arguments(), output_console()
     _check_input(images, board, survey)
-    known = read_observations(survey.points, survey.directions)
+    survey_data = read_observations(survey.points, survey.directions)
     detections, interruption = (
         ([], 0)
         if board is None
@@ -264,7 +264,7 @@ def command(
             calibration = calibrate_camera(
                 detections,
                 board,
-                surveys=known.observations,
+                surveys=survey_data.observations,
                 lines=read_line_points(survey.lines),
                 lines_distance_mm=survey.lines_distance_mm,
                 image_size=survey.image_size,
@@ -280,7 +280,7 @@ def command(
             sys.exit(code)
         code = interrupts.exit_code() or interruption
         _write(calibration, output, json_path, page, figures)
-    _print(console, calibration, known)
+    _print(console, calibration, survey_data)
     print_written(output, json_path, page, console=console)
     if figures:
         print_line("Figures in ", (str(figures), "bold"), console=console)
@@ -391,7 +391,7 @@ def _command_line() -> str:
 # -- Printed output --------------------------------------------------------------------------------
 
 
-def _print(console: Console, calibration: Calibration, known: SurveyData) -> None:
+def _print(console: Console, calibration: Calibration, survey_data: SurveyData) -> None:
     used, count = sum(p.used for p in calibration.images), len(calibration.images)
     held_out = (
         f", {calibration.held_out_rms_px:.3f} px in held-out images" if calibration.held_out else ""
@@ -415,20 +415,24 @@ def _print(console: Console, calibration: Calibration, known: SurveyData) -> Non
                 reason if image.name in reason else f"{image.name}: {reason}",
                 console=console,
             )
-        elif image.name in known.places and image.camera_at_mm is not None:
+        elif image.name in survey_data.places and image.camera_at_mm is not None:
             position = ", ".join(f"{x:.1f}" for x in image.camera_at_mm)
             print_line(f"{image.name}: camera position {position} mm", console=console)
     if calibration.outliers:
-        print_line(f"Rejected outliers: {_outliers(calibration, known)}", console=console)
+        print_line(f"Rejected outliers: {_outliers(calibration, survey_data)}", console=console)
     for note in calibration.notes:
         print_line(("Note: ", "yellow"), note, console=console)
-    for sentence in calibration.advice:
-        print_line(("Next: ", "cyan"), sentence, console=console)
+    for message in calibration.advice:
+        print_line(("Next: ", "cyan"), message, console=console)
 
 
-def _outliers(calibration: Calibration, known: SurveyData) -> str:
+def _outliers(calibration: Calibration, survey_data: SurveyData) -> str:
     def location(image: str, corner: int) -> str:
-        return known.places[image][corner] if image in known.places else f"{image} corner {corner}"
+        return (
+            survey_data.places[image][corner]
+            if image in survey_data.places
+            else f"{image} corner {corner}"
+        )
 
     listed = [
         f"{location(o.image, o.corner)} ({o.residual_px:.2f} px)"

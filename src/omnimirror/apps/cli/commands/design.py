@@ -79,7 +79,7 @@ def design_with_catalogue(
             max_designs=catalogue.max_designs,
             front=catalogue.price_front,
             processes=catalogue.processes,
-            on_step=lambda words: status.update(f"Designing: {words}"),
+            on_step=lambda message: status.update(f"Designing: {message}"),
         )
     if search.found:
         console.print(_parts_table(search.found))
@@ -185,12 +185,12 @@ def compute_front(
     if settings.pick is not None:
         front.sensor(settings.pick)  # raises if the design does not exist
     problem = front.space.problem
-    known = {
+    reference_values = {
         name: merit_values(s, front.merits, problem) for name, s in known_sensors(problem).items()
     }
     if figures and len(merits) == 2:
-        _draw_front(front, known, figures)
-    _print_front(console, front, known)
+        _draw_front(front, reference_values, figures)
+    _print_front(console, front, reference_values)
     if settings.pick is not None:
         console.print()
     if not front.is_complete:
@@ -205,24 +205,26 @@ def compute_front(
     return front
 
 
-def _print_front(console: Console, front: Front, known: dict[str, Any], rows: int = 12) -> None:
+def _print_front(
+    console: Console, front: Front, reference_values: dict[str, Any], rows: int = 12
+) -> None:
     table = plain_table(
         "number", *(f"{m}\n{QUANTITIES[m].unit}" for m in front.merits), column_head("focus_mm")
     )
     for i in np.unique(np.linspace(0, len(front) - 1, min(rows, len(front))).round().astype(int)):
         table.add_row(str(i), *(f"{v:.4f}" for v in front.values[i]), f"{front.focus_mm[i]:.2f}")
-    for name, values in known.items():
+    for name, values in reference_values.items():
         table.add_row(name, *(f"{v:.4f}" for v in values), "", style="dim")
     console.print(table)
 
 
-def _draw_front(front: Front, known: dict[str, Any], folder: Path) -> None:
+def _draw_front(front: Front, reference_values: dict[str, Any], folder: Path) -> None:
     from ....analysis.figures.sensor_comparison import front as drawing
     from ....analysis.figures.style import FORMATS, axis_title, save_figure, styled
 
-    places = {name: (float(v[0]), float(v[1])) for name, v in known.items()}
+    points = {name: (float(v[0]), float(v[1])) for name, v in reference_values.items()}
     groups = [
-        {n: v for n, v in places.items() if n.startswith(EXACTLY) == exact}
+        {n: v for n, v in points.items() if n.startswith(EXACTLY) == exact}
         for exact in (False, True)
     ]
     a, b = (axis_title(m) for m in front.merits)
@@ -333,7 +335,7 @@ def command(
         with console.status("Designing") as status:
             design = design_sensor(
                 loaded,
-                lambda words: status.update(f"Designing: {words}"),
+                lambda message: status.update(f"Designing: {message}"),
                 on_design=lambda design: _write(console, design, out, json_file),
             )
         is_complete = design.conflict is None or design.conflict.is_complete
@@ -406,7 +408,7 @@ def _optimised(
 
             designs[count] = design_sensor(
                 requirements.changed(shape=f"{shape.partition(':')[0]}:{count}"),
-                lambda words: bar.update(task, description=words),
+                lambda message: bar.update(task, description=message),
                 search=settings.search(on_progress),
                 on_design=on_design if len(counts) == 1 else None,
             )

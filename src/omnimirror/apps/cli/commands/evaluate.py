@@ -255,16 +255,16 @@ def print_table(console: Console, result: Evaluation) -> None:
     """Print the columns that fit; on narrow terminals fewer columns, never wrapped numbers."""
     columns = [*TERMINAL_COLUMNS, *result.of_lens]
     cells, width = result.texts(columns), 0
-    shown: list[str] = []
+    names: list[str] = []
     for name in columns:
         q = QUANTITIES[name]
         width += max(len(q.heading), len(q.unit), *map(len, cells[name])) + 2
         if console.is_terminal and width > console.width:
             break
-        shown.append(name)
-    heads = [(QUANTITIES[name].heading, QUANTITIES[name].unit) for name in shown]
-    print_rows(console, heads, [cells[name] for name in shown])
-    hidden = len(columns) - len(shown)
+        names.append(name)
+    heads = [(QUANTITIES[name].heading, QUANTITIES[name].unit) for name in names]
+    print_rows(console, heads, [cells[name] for name in names])
+    hidden = len(columns) - len(names)
     if hidden:
         print_line(
             (f"{hidden} columns omitted; use a wider terminal, or --csv for all", "dim"),

@@ -20,16 +20,16 @@ from .._output import output_console, output_option, plain_table, write_standard
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def formats_option(known: Mapping[str, ExportFormat[Any]]) -> Callable[[F], F]:
+def formats_option(registry: Mapping[str, ExportFormat[Any]]) -> Callable[[F], F]:
     """Return the option ``--format``; the first format also determines the format of ``-``."""
 
     def names(_: click.Context, __: click.Parameter, text: str | None) -> list[str] | None:
         if text is None:
             return None
         requested = [name.strip() for name in text.split(",")]
-        if unknown := [name for name in requested if name not in known]:
-            raise click.BadParameter(f"must be one of {', '.join(known)}; got {unknown[0]!r}")
-        write_standard_output_as(known[requested[0]].suffix.removeprefix("."))
+        if unknown := [name for name in requested if name not in registry]:
+            raise click.BadParameter(f"must be one of {', '.join(registry)}; got {unknown[0]!r}")
+        write_standard_output_as(registry[requested[0]].suffix.removeprefix("."))
         return requested
 
     return click.option(
@@ -39,15 +39,19 @@ def formats_option(known: Mapping[str, ExportFormat[Any]]) -> Callable[[F], F]:
         is_eager=True,
         callback=names,
         metavar="NAME,...",
-        help=f"Formats: {', '.join(known)}.  [default: by the suffix of the file]",
+        help=f"Formats: {', '.join(registry)}.  [default: by the suffix of the file]",
     )
 
 
 def check_one_file(
-    output: Path, formats: Sequence[str] | None, known: Mapping[str, ExportFormat[Any]]
+    output: Path, formats: Sequence[str] | None, registry: Mapping[str, ExportFormat[Any]]
 ) -> None:
     """Raise UsageError if several files would be written to standard output."""
-    if output.stem == "-" and formats and (len(formats) > 1 or len(known[formats[0]].endings) > 1):
+    if (
+        output.stem == "-"
+        and formats
+        and (len(formats) > 1 or len(registry[formats[0]].endings) > 1)
+    ):
         names = ", ".join(formats)
         raise click.UsageError(
             f"standard output requires a single file; {names} consists of several; specify a folder"

@@ -61,9 +61,9 @@ class PageOptions(Options):
     )
 
 
-def orientation_remark(sentence: str) -> None:
+def orientation_remark(message: str) -> None:
     """Print a remark on an image or video that a page opened."""
-    print_remark(f"omnimirror: {sentence}")
+    print_remark(f"omnimirror: {message}")
 
 
 def run_studio(make: Callable[[], Studio], server: ServerOptions) -> None:

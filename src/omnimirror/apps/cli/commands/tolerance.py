@@ -93,7 +93,7 @@ class TrialOptions(Options):
         """Return the plan with the limits of the options."""
         if self.requirements is not None:
             plan = with_requirements(plan, load_requirements(self.requirements))
-        limits = dict(_limit(words) for words in self.merits)
+        limits = dict(_limit(text) for text in self.merits)
         if self.requirements is not None:
             limits = {**plan.limits, **limits}
         return replace(plan, limits=limits) if limits else plan
@@ -245,21 +245,21 @@ def _init(name: str | None, grade: str, out: Path | None) -> None:
         print_line(f"Wrote {path}; edit it, then run: {command}")
 
 
-def _limit(words: str) -> tuple[str, float]:
+def _limit(text: str) -> tuple[str, float]:
     """Parse a limit such as ``motion_px after pose=0.3``."""
-    name, _, value = words.rpartition("=")
+    name, _, value = text.rpartition("=")
     try:
         return name.strip(), float(value)
     except ValueError:
         raise InvalidParameter(
-            f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {words!r}"
+            f"--merit must be NAME=LIMIT, such as 'motion_px after pose=0.3'; got {text!r}"
         ) from None
 
 
 def _print(console: Console, report: ToleranceReport) -> None:
     statistics, of = report.statistics, report.statistics.yields
-    lost = f", {statistics.lost} lose rays" if statistics.lost else ""
-    console.print(f"{statistics.trials} trials{lost}; seed {report.seed}\n")
+    lost_trials = f", {statistics.lost} lose rays" if statistics.lost else ""
+    console.print(f"{statistics.trials} trials{lost_trials}; seed {report.seed}\n")
     table = plain_table("merit", "limit", "median", "95 %", "99 %", "good %")
     usual = (
         *(after("motion_px", depth) for depth in CALIBRATIONS),

@@ -51,10 +51,10 @@ def command(
         from ...studio._server_state import Sources, Studio
 
         live = [source for source in sources if _is_live(source)]
-        known = _known(sources[0], camera, orientation) if camera.given else None
+        named_camera = _known(sources[0], camera, orientation) if camera.given else None
         return Studio(
             Sources(sources, server.folders, live),
-            known,
+            named_camera,
             stored_orientation=orientation.stored_orientation,
             on_note=orientation_remark,
         )
