@@ -75,6 +75,13 @@ def write_files(folder: Path) -> None:
     (folder / "bodies.toml").write_text(
         "[cart]\nsize_mm = [90, 80, 70]\nkeyframe = [{ time_s = 0, x_mm = 900 }]\n"
     )
+    om.save_sensor(SENSOR, folder / "sensor.toml")
+    (folder / "job.toml").write_text(
+        'inputs.files = ["a.png"]\nsensor = [{ file = "sensor.toml" }]\n'
+        'view.north = { size = [36, 12] }\noutput.url = "batch"\n'
+    )
+    om.batch.plan(folder / "job.toml")
+    om.batch.run(folder / "job.toml", scheduler="threads")
     (folder / "parts.toml").write_text(
         '[[imager]]\nname = "i"\nwidth_px = 9\nheight_px = 9\npixel_pitch_um = 5.0\n'
         '[[lens]]\nname = "l"\nfocal_length_mm = 8.0\nf_number_min = 1.4\nf_number_max = '

@@ -12,6 +12,7 @@ from typing import Any
 
 from ... import __version__
 from ...base import interrupts
+from ...base.arguments import validate_arguments
 from ...base.block_runner import (
     WHOLE,
     BlockWorkers,
@@ -103,6 +104,7 @@ class BatchStatus(Result):
         return table_of([{"input": name, "error": text} for name, text in self.errors.items()])
 
 
+@validate_arguments
 def plan(job: BatchJob | str | Path) -> BatchPlan:
     """List the inputs of a job and compare its outputs with the manifest; no image is read.
 
@@ -142,6 +144,7 @@ def plan(job: BatchJob | str | Path) -> BatchPlan:
     return plan_of(_job(job))
 
 
+@validate_arguments
 def run(
     job: BatchJob | str | Path,
     *,
@@ -237,6 +240,7 @@ def run(
     return replace(_status(store, batch_plan.manifest), stopped_by=stopped_by)
 
 
+@validate_arguments
 def status(job: BatchJob | str | Path) -> BatchStatus:
     """Return the state of a job from its manifest, also while another process runs it.
 

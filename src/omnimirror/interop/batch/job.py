@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ...base.arguments import file_name
+from ...base.arguments import file_name, validate_arguments
 from ...base.block_runner import Retries
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, SpecError
@@ -274,6 +274,7 @@ def digest_of(data: Any) -> str:
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
+@validate_arguments
 def load_job(path: str | Path, changes: Mapping[str, Any] | None = None) -> BatchJob:
     """Read a job file.
 
