@@ -379,7 +379,7 @@ def _dxf(plan: Plan, part: Part, path: Path) -> Content:
         plan.workshop,
         plan.data_file(part),
         sheet=plan.sheet,
-        place=(i + 2, 1 + len(plan.parts)),
+        sheet_number=(i + 2, 1 + len(plan.parts)),
     )
     return Content(f"half-section with dimensions, {curve.words}", curve.deviation_um)
 
