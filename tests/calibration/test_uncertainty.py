@@ -10,7 +10,7 @@ import tomli_w
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.parameters import Uncertainty
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,

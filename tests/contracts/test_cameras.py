@@ -8,8 +8,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, NotOneToOne
 from omnimirror.base.native import backend
-from omnimirror.cameras.camera import Camera
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Camera, Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,

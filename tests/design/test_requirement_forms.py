@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.apps.cli._design_options import limit
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.design import parse_requirements
 from omnimirror.design._candidates import focusing
 from omnimirror.design._design_problem import DesignSpace

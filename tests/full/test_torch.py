@@ -11,8 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.camera import Camera
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Camera, Mount
 from omnimirror.interop.torch import _reflection, differentiable
 from omnimirror.optics.housing import Housing, Tube
 from omnimirror.optics.image_sensor import ImagerPose

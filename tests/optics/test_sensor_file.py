@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError, SpecError
 from omnimirror.base.parameters import Uncertainty
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.design.sensor_file_template import sensor_template
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import Imager, ImagerPose

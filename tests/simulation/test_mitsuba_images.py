@@ -10,7 +10,7 @@ from scipy.ndimage import binary_erosion
 
 import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
-from omnimirror.cameras.frames import pan_tilt_direction
+from omnimirror.cameras.camera import pan_tilt_direction
 from omnimirror.optics.mirrors.as_built import MirrorPose
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment

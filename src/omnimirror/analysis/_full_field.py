@@ -15,7 +15,7 @@ import numpy as np
 
 from ..base.caching import cached_property
 from ..base.typing import Array, Mask
-from ..cameras.frames import camera_direction
+from ..cameras.camera import camera_direction
 from ..optics.lenses import Lens
 from ..optics.sensor import Sensor
 from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints

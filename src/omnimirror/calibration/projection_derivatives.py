@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.errors import OmnimirrorError
 from ..base.typing import Array, Mask
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import rotate_vectors
 from ..cameras.models.camera_model import PointImages
 from ..optics.housing import Housing
 from ..optics.lenses import Perspective

@@ -14,8 +14,7 @@ from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
-from ..cameras.camera import AxialSymmetry, Projection, Rays
-from ..cameras.frames import Mount
+from ..cameras.camera import AxialSymmetry, Mount, Projection, Rays
 from ..cameras.models.camera_model import CameraModel, ModelParameter, PointImages
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective

@@ -14,7 +14,7 @@ from pydantic import Field
 from ..base.arguments import file_name, instance, validate_arguments
 from ..base.errors import SpecError
 from ..base.files import parse_toml, read_text
-from ..cameras.frames import Mount
+from ..cameras.camera import Mount
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors.measured import MAPPING_FILE

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, create_model
 
 from ..base.arguments import finite, instance
 from ..base.errors import InvalidParameter
-from ..cameras.frames import Mount
+from ..cameras.camera import Mount
 from ..optics.batch.families import FreeformFamily
 from ..optics.housing import Housing
 from ..optics.image_sensor import Imager

@@ -16,8 +16,7 @@ from ..base.errors import InvalidParameter, NotOneToOne, OmnimirrorError
 from ..base.notebook_card import Line, card, field_range, line_drawing, origin
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
-from ..cameras.camera import AxialSymmetry, Projection, Rays, inside_image
-from ..cameras.frames import Mount, rotate_vectors
+from ..cameras.camera import AxialSymmetry, Mount, Projection, Rays, inside_image, rotate_vectors
 from .housing import Housing
 from .image_sensor import ImagePlane, Imager, ImagerPose
 from .lenses import GaussianLens, Lens, Perspective

@@ -24,7 +24,7 @@ from ..base.errors import OmnimirrorError, SpecError
 from ..base.escaping import line_comment
 from ..base.files import parse_toml, read_text, write_text
 from ..base.parameters import Uncertainty
-from ..cameras.frames import Mount
+from ..cameras.camera import Mount
 from ..cameras.models import CAMERAS, CalibratedCamera, RadialModel, load_ocam, parse_ocam
 from .housing import SHELLS, CameraBody, Housing, Rim, Rod
 from .image_sensor import Imager, ImagerPose

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from ..base.arguments import format_value
 from ..base.errors import OmnimirrorError, SpecError, abbreviate
 from ..base.parameters import Parameter
-from ..cameras.frames import CameraLooks
+from ..cameras.camera import CameraLooks
 
 T = typing.TypeVar("T")
 

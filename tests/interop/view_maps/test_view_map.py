@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp.screens import parts_of
 from omnimirror.dewarp.viewpoints import centre_of_projection
 from omnimirror.interop.view_maps import _inverse_mapping

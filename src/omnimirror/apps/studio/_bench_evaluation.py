@@ -24,8 +24,7 @@ from ...analysis.cross_section import (
 from ...analysis.evaluation import Evaluation, evaluate, field_angles
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array
-from ...cameras.camera import inside_image
-from ...cameras.frames import rotate_vectors
+from ...cameras.camera import inside_image, rotate_vectors
 from ...design.merits import length_mm
 from ...optics.housing import Dome, FlatWindow, Housing, Shell
 from ...optics.mirrors.as_built import MirrorPose

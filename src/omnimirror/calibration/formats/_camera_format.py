@@ -23,8 +23,7 @@ from ...base.files import (
     parse_xml,
 )
 from ...base.typing import Array
-from ...cameras.camera import Camera
-from ...cameras.frames import Mount
+from ...cameras.camera import Camera, Mount
 from ...cameras.models.camera_model import Optics
 from ...optics.toml_validation import did_you_mean
 

@@ -1,7 +1,7 @@
 """Screens: targets of the pixels of a dewarped image.
 
 Screens are drawn as seen from inside or from above, in the world frame of
-:mod:`omnimirror.cameras.frames`, independent of the orientation of the source image. Each screen is
+:mod:`omnimirror.cameras.camera`, independent of the orientation of the source image. Each screen is
 at ``distance_mm`` from its centre, infinite by default; at a finite distance ``offset_mm`` moves
 it.
 """

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...cameras.frames import view_axes
+from ...cameras.camera import view_axes
 from ._screen import (
     NO_OFFSET,
     CentredScreen,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import number, positions, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...cameras.frames import pan_tilt_direction
+from ...cameras.camera import pan_tilt_direction
 from ._screen import (
     NO_OFFSET,
     CentredScreen,

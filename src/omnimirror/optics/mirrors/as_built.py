@@ -13,7 +13,7 @@ from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.polynomials import monomial_index, noll, zernike_powers, zernike_terms
 from ...base.typing import Array
-from ...cameras.frames import rotate_vectors
+from ...cameras.camera import rotate_vectors
 
 # -- Mirror pose -----------------------------------------------------------------------------------
 #

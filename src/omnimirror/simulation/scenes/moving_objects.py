@@ -15,7 +15,7 @@ from ...base.colour import Light, hex_colour
 from ...base.errors import InvalidParameter, MediaError, SpecError
 from ...base.files import read_tables
 from ...base.typing import Array
-from ...cameras.frames import rotate_vectors
+from ...cameras.camera import rotate_vectors
 from ...io.keyframes import Keyframes, keyframes_of
 from ._painting import PaintedScene, Surroundings, surfaces_of_faces
 from .scene import POSE_NAMES, Pose, Scene, distances_mm
