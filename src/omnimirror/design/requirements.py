@@ -12,6 +12,14 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, create_model
 
 from ..base.arguments import finite, instance
 from ..base.errors import InvalidParameter
+from ..base.toml_validation import (
+    EntryError,
+    NullLocator,
+    SourceLocator,
+    Table,
+    did_you_mean,
+    validated,
+)
 from ..cameras.camera import Mount
 from ..optics.batch.families import FreeformFamily
 from ..optics.housing import Housing
@@ -20,14 +28,6 @@ from ..optics.lenses import FieldLens
 from ..optics.mirrors.mappings import MAPPINGS, check_rows
 from ..optics.sensor_files import housing_tables, lens_table
 from ..optics.thermal import Thermal
-from ..optics.toml_validation import (
-    EntryError,
-    NullLocator,
-    SourceLocator,
-    Table,
-    did_you_mean,
-    validated,
-)
 from .limits import Limit
 from .merits import DESIGN_MERITS
 from .mirror_construction import FAMILIES, check_entries
@@ -36,7 +36,7 @@ from .ranges import Between, Range, ends, is_free
 
 # -- Consistency checks between the entries and tables of requirements -----------------------------
 #
-# Each check raises :class:`~omnimirror.optics.toml_validation.EntryError` with the path of the entry;
+# Each check raises :class:`~omnimirror.base.toml_validation.EntryError` with the path of the entry;
 # the file reader adds its line.
 
 WAYS = ("mapping", "family", "optimise")

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from ...base.arguments import format_value, parse_float
+from ...base.toml_validation import SourceLocator, merge_tables
 from ...design.catalogue import TYPICAL
 from ...design.designer import SearchOptions
 from ...design.merits import DESIGN_MERITS
@@ -27,7 +28,6 @@ from ...design.requirements import PAPER_IMAGER, WAYS, Requirements
 from ...optics.lenses import BlurMode
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
-from ...optics.toml_validation import SourceLocator, merge_tables
 from ._declarations import NUMBER, Options, number_or_range, option, setting
 
 SECTIONS: dict[str, tuple[str, ...]] = {
