@@ -24,7 +24,7 @@ from omnimirror.design.component_selection import best_apertures
 from omnimirror.optics.housing import Housing, Tube
 from omnimirror.optics.lenses import Orthographic, Perspective, SurfaceLens
 from omnimirror.optics.mirrors import EvenPolynomial
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import sensor_of
 

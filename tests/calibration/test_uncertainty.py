@@ -20,7 +20,7 @@ from omnimirror.cameras.models import (
     RadialSpline,
     Unified,
 )
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import tables_of
 from tests.commands import omnimirror
 from tests.conftest import sensor_of

@@ -19,7 +19,7 @@ from omnimirror.cameras.models import (
 )
 from omnimirror.dewarp import _source_coordinates as radial
 from omnimirror.optics.lenses import Orthographic, Perspective, TabulatedLens
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import MIRRORS
 

@@ -15,7 +15,7 @@ from omnimirror.cameras.camera import Camera, Mount
 from omnimirror.interop.torch import _reflection, differentiable
 from omnimirror.optics.housing import Housing, Tube
 from omnimirror.optics.image_sensor import ImagerPose
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import MIRRORS, sensor_of
 
 pytestmark = pytest.mark.full

@@ -25,7 +25,7 @@ from omnimirror.optics.housing import (
 )
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.materials import MATERIALS, index_of
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.pixel_rays import trace_pixels
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose

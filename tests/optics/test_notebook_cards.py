@@ -17,7 +17,7 @@ from omnimirror.base.parameters import Uncertainty
 from omnimirror.cameras.camera import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rod
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 SPHERE = om.load_sensor("paper-spherical")
 SENSORS = {

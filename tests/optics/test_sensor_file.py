@@ -21,7 +21,7 @@ from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import Imager, ImagerPose
 from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import EvenPolynomial
-from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, load_sensor, parse_sensor
 from omnimirror.optics.thermal import Thermal
 from tests.conftest import M

@@ -11,7 +11,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
 from omnimirror.optics.housing import CameraBody, Housing, Rim, Rod
 from omnimirror.optics.materials import METALS
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from omnimirror.simulation import rendering as rays
 from omnimirror.simulation._compiled_rendering import compiled_light

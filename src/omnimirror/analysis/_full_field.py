@@ -58,7 +58,7 @@ class FullFieldEvaluation:
     --------
     >>> import omnimirror as om
     >>> from dataclasses import replace
-    >>> from omnimirror.optics.mirrors.as_built import MirrorPose
+    >>> from omnimirror.optics.mirrors.mirror import MirrorPose
     >>> built = replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.5))
     >>> low, high = FullFieldEvaluation(built).field_deg  # at some azimuth
     >>> low, round(high, 1)

@@ -19,7 +19,7 @@ from ..cameras.models.camera_model import CameraModel, ModelParameter, PointImag
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors import Sphere
-from ..optics.mirrors.as_built import MirrorPose
+from ..optics.mirrors.mirror import MirrorPose
 from ..optics.sensor import Sensor, check_sensor
 from ._initial_sensor import (
     RIM_TO_DISTANCE,

@@ -31,7 +31,7 @@ from ..optics.batch.families import Basis, Family, family
 from ..optics.housing import Housing, Rim, Tube
 from ..optics.image_sensor import Imager
 from ..optics.lenses import BLUR_MODES, BlurMode, FieldLens
-from ..optics.mirrors.conics_and_aspheres import conic_profile
+from ..optics.mirrors.mirror import conic_profile
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import Pencil, refract_through_shell
 from ..optics.tracing.obscuration import disc_clearance

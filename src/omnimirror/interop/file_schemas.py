@@ -34,9 +34,9 @@ from ..optics import sensor_files
 from ..optics.image_sensor import Imager, ImagerPose
 from ..optics.lenses import LENSES
 from ..optics.mirrors import MIRRORS, SECONDARIES
-from ..optics.mirrors.as_built import MirrorForm, MirrorPose
 from ..optics.mirrors.mappings import MAPPINGS
 from ..optics.mirrors.measured import MAPPING_FILE
+from ..optics.mirrors.mirror import MirrorForm, MirrorPose
 from ..optics.sensor_files import (
     CAMERA_ENTRIES,
     HOUSING_PARTS,

@@ -21,7 +21,7 @@ from .housing import Housing
 from .image_sensor import ImagePlane, Imager, ImagerPose
 from .lenses import GaussianLens, Lens, Perspective
 from .mirrors import Mirror, Secondary
-from .mirrors.as_built import MirrorForm, MirrorPose
+from .mirrors.mirror import MirrorForm, MirrorPose
 from .thermal import Thermal
 from .tracing.meridian import ROUNDING, ChiefRays, Cover, Meridian
 from .tracing.obscuration import (

@@ -40,7 +40,7 @@ from .housing import SHELLS, CameraBody, Housing, Rim, Rod
 from .image_sensor import Imager, ImagerPose
 from .lenses import LENSES, Lens
 from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
-from .mirrors.as_built import MirrorForm, MirrorPose
+from .mirrors.mirror import MirrorForm, MirrorPose
 from .sensor import Sensor, check_sensor
 from .thermal import Thermal
 

@@ -22,7 +22,7 @@ from omnimirror.cameras.camera import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 SPHERE = om.load_sensor("paper-spherical")
 SENSORS = {

@@ -25,7 +25,7 @@ from omnimirror.optics.lenses.distortion import (
     undistorted,
     undistorted_radius,
 )
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from omnimirror.simulation import rendering as rays
 from omnimirror.simulation.pixel_rays import sampling_plan

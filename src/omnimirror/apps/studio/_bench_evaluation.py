@@ -27,7 +27,7 @@ from ...base.typing import Array
 from ...cameras.camera import inside_image, rotate_vectors
 from ...design.merits import length_mm
 from ...optics.housing import Dome, FlatWindow, Housing, Shell
-from ...optics.mirrors.as_built import MirrorPose
+from ...optics.mirrors.mirror import MirrorPose
 from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import Obstructions, WindowFrame
 from ...optics.tracing.shell_transmission import pose_of, transmit_rays

@@ -40,8 +40,8 @@ from ...optics.mirrors import (
     SlopeSpline,
     TabulatedMapping,
 )
-from ...optics.mirrors.as_built import MirrorPose
 from ...optics.mirrors.mappings import MAPPINGS
+from ...optics.mirrors.mirror import MirrorPose
 from ...optics.mirrors.prescribed_mapping import MappingMirror
 from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor

@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.cameras.camera import Mount
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.commands import fails, omnimirror
 
 
