@@ -18,7 +18,7 @@ from ..cameras.camera import rotate_vectors
 from ..cameras.models.camera_model import PointImages
 from ..optics.housing import Housing
 from ..optics.lenses import Perspective
-from ..optics.lenses.distortion import TERMS, distorted_rates
+from ..optics.lenses.lens import TERMS, distorted_rates
 from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror, SlopeSpline
 from ..optics.mirrors.mirror import Conic, MirrorPose
 from ..optics.mirrors.splines import spline_of_slopes

@@ -13,7 +13,7 @@ from ..base.native import backend
 from ..base.typing import Array
 from ..cameras.camera import rotate_vectors
 from ..optics.lenses import Lens, Orthographic, Perspective
-from ..optics.lenses.distortion import fold
+from ..optics.lenses.lens import fold
 from ..optics.mirrors import Mirror
 from ..optics.sensor import Sensor
 from ..optics.tracing.obscuration import Obstructions

@@ -16,7 +16,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
 from omnimirror.dewarp import Dewarper, screens
 from omnimirror.optics.lenses import distortion
-from omnimirror.optics.lenses.distortion import (
+from omnimirror.optics.lenses.lens import (
     distorted,
     distorted_radius,
     distorted_rates,
