@@ -13,10 +13,11 @@ from omnimirror.analysis.focus import (
     FOCUS_MERITS,
     FocusedBlur,
     FocusStudy,
+    ImagingCharacteristics,
     _focusable_interval,
     focus_function,
+    virtual_images,
 )
-from omnimirror.analysis.meridional_imaging import ImagingCharacteristics, virtual_images
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.optimisation import minimise_scalar
 from omnimirror.design import RimRay, generated_mirror

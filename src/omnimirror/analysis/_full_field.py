@@ -19,8 +19,7 @@ from ..cameras.camera import camera_direction
 from ..optics.lenses import Lens
 from ..optics.sensor import Sensor
 from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints
-from .focus import FocusedBlur, FocusStudy
-from .meridional_imaging import ImagingCharacteristics, virtual_images
+from .focus import FocusedBlur, FocusStudy, ImagingCharacteristics, virtual_images
 from .ray_bundles import Bundles, Pupil, trace_bundles
 
 RINGS, AZIMUTHS = 31, 24

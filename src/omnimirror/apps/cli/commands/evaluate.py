@@ -12,8 +12,7 @@ from rich.console import Console
 
 from ....analysis.camera_evaluation import CameraMapping, evaluate_camera
 from ....analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
-from ....analysis.focus import FOCUS_MERITS, best_focus
-from ....analysis.meridional_imaging import best_viewpoint
+from ....analysis.focus import FOCUS_MERITS, best_focus, best_viewpoint
 from ....analysis.operating_conditions import at_temperature, thermal_motion_px
 from ....base.escaping import shell_command
 from ....base.quantities import QUANTITIES
