@@ -29,8 +29,15 @@ from .mirror_construction import (
     mapped_mirror,
 )
 from .mirror_fits import fit_mirror
-from .ranges import ends, ends_or_none, is_free
-from .requirements import MAX_FOCUS, OF_MAPPINGS, MirrorRequirements, Requirements
+from .requirements import (
+    MAX_FOCUS,
+    OF_MAPPINGS,
+    MirrorRequirements,
+    Requirements,
+    ends,
+    ends_or_none,
+    is_free,
+)
 
 SETTLED, MAX_ROUNDS = 1e-5, 30  # relative tolerance, iterations of the coupled lens and focus
 ANGLES = 1001  # field angles of the comparison with the requested mapping

@@ -38,7 +38,7 @@ from ..optics.tracing.obscuration import disc_clearance
 from ._mass_and_size import density_of, gauss_nodes
 from .limits import Limit
 from .merits import FieldValues, values_at, values_of
-from .ranges import Range, ends
+from .requirements import Range, ends
 
 # -- Overall dimensions and mass of designs, with derivatives, for limits in a search --------------
 

@@ -30,9 +30,8 @@ from ._design_space import (
 from ._focusing import Focusing, vergences_of
 from .evaluated_field import evaluable_field
 from .optimiser import IMAGE, Key, Slack
-from .ranges import ends, ends_or_none, is_free
 from .requirement_check import EDGE_PX, Verdict, check_requirements, evaluations, given_rows
-from .requirements import OF_OPTICS, Requirements
+from .requirements import OF_OPTICS, Requirements, ends, ends_or_none, is_free
 
 # -- Design space of mirrors of a mapping or a family: the numbers of the requirements, and the focus
 #

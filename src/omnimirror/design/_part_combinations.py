@@ -37,8 +37,7 @@ from .catalogue import (
     mounts_fit,
 )
 from .limits import Limit, contrast
-from .ranges import Range, ends, ends_or_none
-from .requirements import MAX_FOCUS, Requirements
+from .requirements import MAX_FOCUS, Range, Requirements, ends, ends_or_none
 
 AIRY_MM = 2.44 * 550e-6  # diameter of the Airy disc over the F-number
 ROOM = 1 + 1e-9  # rounding tolerance of bounds

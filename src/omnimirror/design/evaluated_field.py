@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ..base.errors import InvalidParameter
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import ChiefRays
-from .ranges import ends
-from .requirements import FieldRequirements
+from .requirements import FieldRequirements, ends
 
 # -- Evaluated field angles of a sensor, and the reasons for excluded ones -------------------------
 

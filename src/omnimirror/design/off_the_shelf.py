@@ -24,9 +24,8 @@ from .catalogue import BallComponent, Catalogue, LensComponent, read_catalogue
 from .component_selection import rings_for
 from .designer import Design, design_of
 from .evaluated_field import evaluable_field
-from .ranges import ends, is_free
 from .requirement_check import RequirementCheck, Verdict, check_requirements, evaluations
-from .requirements import PartsRequirements, Requirements
+from .requirements import PartsRequirements, Requirements, ends, is_free
 
 # -- Sensor design for one combination of parts: mirror, aperture and focus ------------------------
 

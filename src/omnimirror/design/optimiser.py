@@ -34,7 +34,7 @@ from ._blur_bound import BlurBound, blur_bound
 from ._design_problem import DesignProblem, DesignSpace, State
 from .limits import Limit
 from .merits import FieldValues, Merit, merit_named
-from .ranges import ends
+from .requirements import ends
 
 # -- Objectives and constraints of the optimiser, as rows with exact derivatives in a design space
 #

@@ -22,8 +22,7 @@ from ..optics.sensor import Sensor, check_sensor
 from .evaluated_field import EvaluatedRange, cut_off, distances_of, evaluable_field
 from .limits import SHARED, Limit, format_part
 from .merits import FieldValues, values_of_evaluation
-from .ranges import ends, ends_or_none
-from .requirements import MAX_FOCUS, Requirements
+from .requirements import MAX_FOCUS, Requirements, ends, ends_or_none
 
 # -- Requirement check of a sensor: requested value, reached value and margin of each requirement
 
