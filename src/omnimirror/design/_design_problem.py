@@ -35,9 +35,8 @@ from ..optics.mirrors.mirror import conic_profile
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import Pencil, refract_through_shell
 from ..optics.tracing.obscuration import disc_clearance
-from ._mass_and_size import density_of, gauss_nodes
 from .limits import Limit
-from .merits import FieldValues, values_at, values_of
+from .merits import FieldValues, density_of, gauss_nodes, values_at, values_of
 from .requirements import Range, ends
 
 # -- Overall dimensions and mass of designs, with derivatives, for limits in a search --------------
