@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.design.evaluated_field import evaluable_field
+from omnimirror.design.requirement_check import evaluable_field
 from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.optics.housing import (
     CameraBody,

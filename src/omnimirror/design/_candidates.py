@@ -36,7 +36,6 @@ from ..optics.mirrors.mappings import FiniteMapping
 from ..optics.mirrors.prescribed_mapping import MappingMirror
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import Meridian
-from .evaluated_field import distances_mm, evaluable_field, inverse_distances
 from .limits import Limit
 from .merits import OF_THE_WHOLE, FieldValues, values_at, with_whole
 from .mirror_construction import (
@@ -49,6 +48,7 @@ from .mirror_construction import (
     mapped_mirror,
 )
 from .mirror_fits import fit_mirror
+from .requirement_check import distances_mm, evaluable_field, inverse_distances
 from .requirements import (
     MAX_FOCUS,
     OF_MAPPINGS,

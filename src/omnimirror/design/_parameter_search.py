@@ -27,9 +27,15 @@ from ._design_space import (
     meet_other_requirements,
     priority_note,
 )
-from .evaluated_field import evaluable_field
 from .optimiser import IMAGE, Key, Slack
-from .requirement_check import EDGE_PX, Verdict, check_requirements, evaluations, given_rows
+from .requirement_check import (
+    EDGE_PX,
+    Verdict,
+    check_requirements,
+    evaluable_field,
+    evaluations,
+    given_rows,
+)
 from .requirements import OF_OPTICS, Requirements, ends, ends_or_none, is_free
 
 # -- Design space of mirrors of a mapping or a family: the numbers of the requirements, and the focus

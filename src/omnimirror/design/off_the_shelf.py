@@ -22,9 +22,14 @@ from ._part_combinations import PartsCombination, combinations_of, cut, requirem
 from .catalogue import BallComponent, Catalogue, LensComponent, read_catalogue
 from .component_selection import rings_for
 from .designer import Design, design_of
-from .evaluated_field import evaluable_field
 from .merits import mass_g, outer_size
-from .requirement_check import RequirementCheck, Verdict, check_requirements, evaluations
+from .requirement_check import (
+    RequirementCheck,
+    Verdict,
+    check_requirements,
+    evaluable_field,
+    evaluations,
+)
 from .requirements import PartsRequirements, Requirements, ends, is_free
 
 # -- Sensor design for one combination of parts: mirror, aperture and focus ------------------------
