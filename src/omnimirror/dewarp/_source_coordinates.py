@@ -19,7 +19,7 @@ from ..cameras.camera import AxialSymmetry, Camera, inside_image, pan_tilt_direc
 from .field_of_view import is_vertical
 from .maps import LatticeMap, PolarMap
 from .screens import Panorama, Screen, View, parts_of
-from .screens._screen import pixels_of_rows
+from .screens._projections import pixels_of_rows
 from .viewpoints import Viewpoint, centre_of_projection, projection_of
 
 # -- Tabulated projection of axially symmetric cameras ---------------------------------------------

@@ -8,11 +8,23 @@ it.
 
 from typing import TypeAlias
 
-from ._domes import DomeMaster, LittlePlanet, Pole
 from ._mosaics import FACES, LAYOUTS, CubeMap, Layout, Mosaic
-from ._panoramas import Cylinder, Equirectangular, Panorama, Rows
-from ._planes import Ground, Plane
-from ._screen import Composite, Screen, ScreenPart, View, parts_of
+from ._projections import (
+    Composite,
+    Cylinder,
+    DomeMaster,
+    Equirectangular,
+    Ground,
+    LittlePlanet,
+    Panorama,
+    Plane,
+    Pole,
+    Rows,
+    Screen,
+    ScreenPart,
+    View,
+    parts_of,
+)
 
 Shape: TypeAlias = (
     Cylinder | Equirectangular | Plane | Ground | DomeMaster | LittlePlanet | CubeMap | Mosaic
