@@ -21,9 +21,8 @@ from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes._painting import Surroundings
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.environment import Environment
-from omnimirror.simulation.scenes.scene import DistantScene, Pose, PosedScene
+from omnimirror.simulation.scenes.scene import DistantScene, Pose, PosedScene, facets
 from omnimirror.simulation.scenes.street import HOUSES, Street
-from omnimirror.simulation.scenes.surfaces import facets
 from tests.everyday import few
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")

@@ -33,7 +33,7 @@ from ...optics.tracing.obscuration import Obstructions, WindowFrame
 from ...optics.tracing.shell_transmission import pose_of, transmit_rays
 from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
-from ...simulation.scenes.surfaces import intersect_boxes
+from ...simulation.scenes.scene import intersect_boxes
 from ._bench_requirements import UNCHECKED, check_evaluation
 from ._bench_sensors import (
     aligned_sensor,

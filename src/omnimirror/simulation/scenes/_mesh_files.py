@@ -17,8 +17,7 @@ from ...base.files import check_file, open_file, parse_json, read_bytes
 from ...base.typing import Array
 from ...cameras.camera import rotate_vectors
 from ._painting import Surroundings
-from .scene import Scene
-from .surfaces import Surfaces, Texture, combine_surfaces, facets, textured_triangles
+from .scene import Scene, Surfaces, Texture, combine_surfaces, facets, textured_triangles
 
 # -- Validation ------------------------------------------------------------------------------------
 

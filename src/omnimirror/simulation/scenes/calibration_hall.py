@@ -23,7 +23,7 @@ from ._painting import (
     outer_faces,
     surfaces_of_faces,
 )
-from .surfaces import Box, Face, face_of, rays_inside
+from .scene import Box, Face, face_of, rays_inside
 
 # -- Checkerboards ---------------------------------------------------------------------------------
 

@@ -18,8 +18,18 @@ from ...base.typing import Array
 from ...cameras.camera import rotate_vectors
 from ...io.keyframes import Keyframes, keyframes_of
 from ._painting import PaintedScene, Surroundings, surfaces_of_faces
-from .scene import POSE_NAMES, Pose, Scene, distances_mm
-from .surfaces import FACES, TINY, Box, Face, face_of, merge_surfaces
+from .scene import (
+    FACES,
+    POSE_NAMES,
+    TINY,
+    Box,
+    Face,
+    Pose,
+    Scene,
+    distances_mm,
+    face_of,
+    merge_surfaces,
+)
 
 SHADES = np.array([0.75, 0.55, 1.0])
 """Brightness of sides, fronts and tops, to make them distinguishable."""
