@@ -20,7 +20,7 @@ from ..io.images import OPAQUE
 from . import Dewarper, views
 from .interfaces import Border, Interpolation
 from .screens import Cylinder, Equirectangular, View
-from .viewpoints import Viewpoint
+from .view_geometry import Viewpoint
 
 if TYPE_CHECKING:
     import av
