@@ -20,10 +20,9 @@ from .compensation import (
     fit_compensators,
     merit_names,
 )
-from .object_field import field_of
 from .perturbed_states import States, Values, is_vectorised, states_of
 from .requirement_merits import RequiredMerits
-from .trial_images import CLOSE, HALVINGS, REFOCUS, STEPS, Refocus
+from .trial_images import CLOSE, HALVINGS, REFOCUS, STEPS, Refocus, field_of
 
 TERMS = (0, 4, 8, 16)
 """Supported numbers of polynomial coefficients; arrays are padded with 0."""

@@ -23,7 +23,6 @@ from ...design.limits import LIMITABLE, Limit, format_part
 from ...design.merits import OF_THE_WHOLE
 from ...optics.sensor import Sensor
 from .compensation import CALIBRATIONS, after, merit_names
-from .object_field import Field, field_at
 from .perturbation import perturbed
 from .perturbed_states import Values, is_vectorised
 from .requirement_values import (
@@ -36,7 +35,7 @@ from .requirement_values import (
     vectorised_rims,
     vectorised_views,
 )
-from .trial_images import Refocus
+from .trial_images import Field, Refocus, field_at
 
 MIN_PREFIX = "min "
 STRAIGHTNESS = "straightness_deg"

@@ -135,7 +135,7 @@ class TolerancePlan:
         Refocusing mode.
     objects
         Field range and number of objects, arguments of
-        :func:`omnimirror.manufacturing.tolerancing.object_field.field_of`.
+        :func:`omnimirror.manufacturing.tolerancing.trial_images.field_of`.
     max_tolerances
         Maximum tolerances for allocation by error source; those of the coarse grade by default.
 
