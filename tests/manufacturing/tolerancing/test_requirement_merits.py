@@ -13,9 +13,8 @@ from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.quantities import QUANTITIES
 from omnimirror.design.limits import LIMITABLE
 from omnimirror.design.merits import OF_THE_WHOLE, values_of_evaluation
-from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
+from omnimirror.manufacturing.tolerancing.evaluator import MeritName, TrialEvaluator, named
 from omnimirror.manufacturing.tolerancing.perturbation import perturbed
-from omnimirror.manufacturing.tolerancing.requirement_merits import MeritName, named
 from omnimirror.manufacturing.tolerancing.requirement_values import (
     LINE_POINTS,
     lines_over,

@@ -17,10 +17,9 @@ from ...design.requirement_check import distances_mm
 from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
 from .allocation import Allocation, allocate, check_target_yield
-from .evaluator import TrialEvaluator
+from .evaluator import TrialEvaluator, is_lower_limit, merit_limits, select_requirement_merits
 from .monte_carlo import Progress, YieldStatistics, check_limits, check_trials, simulate_trials
 from .perturbation import perturbed
-from .requirement_merits import is_lower_limit, merit_limits, select_requirement_merits
 from .sensitivity import ErrorSensitivity, VarianceDecomposition, sensitivities, sobol_indices
 from .sweep import Sweep, SweepPlan, run_sweep
 from .tolerance_file import TolerancePlan

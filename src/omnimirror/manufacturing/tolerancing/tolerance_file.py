@@ -23,11 +23,10 @@ from ...optics.mirrors.mirror import MAX_ORDER, MirrorForm
 from ...optics.sensor import Sensor
 from ..metrology.readers import Unit
 from .compensation import Calibration, merit_names
-from .evaluator import TrialEvaluator
+from .evaluator import MeritName, TrialEvaluator, merit_limits
 from .mirror_form import LOWEST_ORDER, RandomFigure, figure_tolerances, load_measured_form
 from .monte_carlo import check_limits
 from .perturbation import GRADES, MEASURED, check_name, error_sources, measured
-from .requirement_merits import MeritName, merit_limits
 from .tolerances import Distribution, Tolerance, Tolerances
 from .trial_images import REFOCUS, Refocus
 
