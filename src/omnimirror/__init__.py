@@ -139,7 +139,6 @@ if TYPE_CHECKING:
     )
     from .manufacturing.tolerancing.mirror_form import as_built as as_built
     from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
-    from .manufacturing.tolerancing.perturbation import perturbed as perturbed
     from .manufacturing.tolerancing.sweep import Sweep as Sweep
     from .manufacturing.tolerancing.tolerance_analysis import ToleranceReport as ToleranceReport
     from .manufacturing.tolerancing.tolerance_analysis import TypicalSensor as TypicalSensor
@@ -150,6 +149,7 @@ if TYPE_CHECKING:
     from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
     from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
+    from .manufacturing.tolerancing.tolerances import perturbed as perturbed
     from .optics.mirrors import register_mirror as register_mirror
     from .optics.sensor import Sensor as Sensor
     from .optics.sensor_files import bundled_sensors as bundled_sensors
@@ -348,7 +348,7 @@ _HOMES = {
     "show": "apps.studio.pages",
     "Tolerance": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",
-    "perturbed": "manufacturing.tolerancing.perturbation",
+    "perturbed": "manufacturing.tolerancing.tolerances",
     "tolerance": "manufacturing.tolerancing.tolerance_analysis",
     "tolerance_conflicts": "manufacturing.tolerancing.drawing_conflicts",
     "tolerance_template": "manufacturing.tolerancing.tolerance_file",

@@ -21,10 +21,9 @@ from ...manufacturing.tolerancing.monte_carlo import (
     format_motion,
     simulate_trials,
 )
-from ...manufacturing.tolerancing.perturbation import MEASURED, error_sources, group_of
 from ...manufacturing.tolerancing.sensitivity import ErrorSensitivity, sensitivities
 from ...manufacturing.tolerancing.tolerance_analysis import ToleranceReport
-from ...manufacturing.tolerancing.tolerances import Tolerances
+from ...manufacturing.tolerancing.tolerances import MEASURED, Tolerances, error_sources, group_of
 from ...manufacturing.workshop import PartSpecification
 from . import figure_html, page_html
 

@@ -16,8 +16,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...base.typing import Array
-from .perturbation import error_sources
 from .perturbed_states import Values
+from .tolerances import error_sources
 from .trial_images import RIM_MARGIN, Field, Refocus, TrialImages, largest_diameter
 
 Calibration = Literal["none", "principal-point", "affine", "pose", "radial"]

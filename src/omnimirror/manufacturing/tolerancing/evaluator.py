@@ -33,7 +33,6 @@ from .compensation import (
     fit_compensators,
     merit_names,
 )
-from .perturbation import perturbed
 from .perturbed_states import States, Values, is_vectorised, states_of
 from .requirement_values import (
     Motions,
@@ -45,6 +44,7 @@ from .requirement_values import (
     vectorised_rims,
     vectorised_views,
 )
+from .tolerances import perturbed
 from .trial_images import CLOSE, HALVINGS, REFOCUS, STEPS, Field, Refocus, field_at, field_of
 
 # -- Merits that limits require --------------------------------------------------------------------

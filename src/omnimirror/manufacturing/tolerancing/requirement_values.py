@@ -26,8 +26,8 @@ from ...optics.lenses.lens import cos4
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import RayEndpoints
 from .compensation import Reference, fit_compensators
-from .perturbation import perturbed
 from .perturbed_states import States, Values, states_of
+from .tolerances import perturbed
 from .trial_images import (
     RIM_MARGIN,
     STEP_DEG,

@@ -26,8 +26,16 @@ from .compensation import Calibration, merit_names
 from .evaluator import MeritName, TrialEvaluator, merit_limits
 from .mirror_form import LOWEST_ORDER, RandomFigure, figure_tolerances, load_measured_form
 from .monte_carlo import check_limits
-from .perturbation import GRADES, MEASURED, check_name, error_sources, measured
-from .tolerances import Distribution, Tolerance, Tolerances
+from .tolerances import (
+    GRADES,
+    MEASURED,
+    Distribution,
+    Tolerance,
+    Tolerances,
+    check_name,
+    error_sources,
+    measured,
+)
 from .trial_images import REFOCUS, Refocus
 
 FORMAT = 1
@@ -441,7 +449,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
         Sensor of the tolerances.
     grade
         Manufacturing grade, one of
-        :data:`~omnimirror.manufacturing.tolerancing.perturbation.GRADES`.
+        :data:`~omnimirror.manufacturing.tolerancing.tolerances.GRADES`.
 
     Returns
     -------

@@ -21,8 +21,8 @@ from ...optics.lenses import Perspective
 from ...optics.mirrors.mirror import MirrorPose
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import REFLECTION_TOLERANCE, RIM_SLACK, RayEndpoints
-from .perturbation import check_error_names, perturbed
 from .perturbed_states import MirrorSurfaces, States, Values, is_vectorised, states_of
+from .tolerances import check_error_names, perturbed
 
 STEPS = 8
 """Maximum number of Newton steps; three are sufficient from 0.1 mm and 0.1 deg."""
