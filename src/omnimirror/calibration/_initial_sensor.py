@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from ..base.errors import InvalidParameter, OmnimirrorError
-from ..base.nonlinear_least_squares import damped_step, levenberg_marquardt
+from ..base.numerics import damped_step, levenberg_marquardt
 from ..base.typing import Array
 from ..cameras.camera import inside_image
 from ..cameras.models.camera_model import CameraModel

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_fields, number, validate_arguments
 from ..base.errors import InvalidParameter
-from ..base.linear_algebra import matrix_product
+from ..base.numerics import matrix_product
 from ..base.typing import Array, Mask
 
 

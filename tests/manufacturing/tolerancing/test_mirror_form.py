@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SpecError
-from omnimirror.base.polynomials import noll
+from omnimirror.base.numerics import noll
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.mirror_form import RandomFigure, load_measured_form

@@ -10,7 +10,7 @@ from numpy.polynomial.polynomial import polysub, polyval
 
 from ...base.arguments import number
 from ...base.caching import cached_property
-from ...base.root_finding import increasing_root
+from ...base.numerics import increasing_root
 from ...base.typing import Array
 from ._distortion import (
     MAX_COEFFICIENT,

@@ -29,7 +29,7 @@ from ...base.errors import (
     abbreviate,
 )
 from ...base.files import read_text
-from ...base.root_finding import increasing_root
+from ...base.numerics import increasing_root
 from ...base.typing import Array
 from ..camera import Mount
 from ._distortion import MIN_RATE

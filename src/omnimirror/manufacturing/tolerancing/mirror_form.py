@@ -17,7 +17,7 @@ import numpy as np
 
 from ...base.arguments import check_fields, number, validate_arguments
 from ...base.errors import InvalidParameter
-from ...base.polynomials import noll, zernike_terms, zernike_values
+from ...base.numerics import noll, zernike_terms, zernike_values
 from ...base.results import Columns, Result
 from ...base.typing import Array
 from ...optics.mirrors import Mirror

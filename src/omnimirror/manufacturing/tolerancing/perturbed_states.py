@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from ...base.errors import InvalidParameter
-from ...base.polynomials import noll, zernike_powers, zernike_terms
+from ...base.numerics import noll, zernike_powers, zernike_terms
 from ...base.typing import Array
 from ...optics.lenses import Perspective
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror

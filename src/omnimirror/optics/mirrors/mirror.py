@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.arguments import check_fields, coordinates, floats, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OutsideMirror
+from ...base.numerics import monomial_index, noll, zernike_powers, zernike_terms
 from ...base.parameters import Parameter
-from ...base.polynomials import monomial_index, noll, zernike_powers, zernike_terms
 from ...base.typing import Array
 from ...cameras.camera import rotate_vectors
 from .measured import ColumnFile

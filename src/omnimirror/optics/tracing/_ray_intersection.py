@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.root_finding import NEWTON_TOLERANCE
+from ...base.numerics import NEWTON_TOLERANCE
 from ...base.typing import Array, Mask
 from ..mirrors import Mirror
 from ..mirrors.mirror import Conic
