@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import finite, format_value, instance, numbers, positions, vectors
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, NotOneToOne, OmnimirrorError
-from ..base.notebook_card import Line, card, field_range, line_drawing, origin
 from ..base.parameters import Uncertainty
+from ..base.results import Line, card, field_range, line_drawing, origin
 from ..base.typing import Array
 from ..cameras.camera import AxialSymmetry, Mount, Projection, Rays, inside_image, rotate_vectors
 from .housing import Housing

@@ -9,8 +9,8 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.notebook_card import Line, card, field_range, line_drawing, origin
 from ...base.parameters import Uncertainty
+from ...base.results import Line, card, field_range, line_drawing, origin
 from ...base.typing import Array, Mask
 from ..camera import AxialSymmetry, Mount, Projection, Rays
 
