@@ -18,11 +18,11 @@ from ..optics.lenses import Perspective
 from ..optics.mirrors import ConicAsphere, SlopeSpline
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import trace_chief_rays
-from .projection_derivatives import profile_derivatives
 from .sensor_parameters import (
     ParameterLocation,
     ParameterPrior,
     parameter_location,
+    profile_derivatives,
     shape_names,
     value_of,
     with_values,

@@ -28,7 +28,6 @@ from ._initial_sensor import (
     unknown_sensor,
     with_prescribed_projection,
 )
-from .projection_derivatives import image_of_points, image_through_cover
 from .sensor_parameters import (
     DEFAULT_GROUPS,
     ParameterLocation,
@@ -37,6 +36,8 @@ from .sensor_parameters import (
     default_priors,
     free_names,
     group_names,
+    image_of_points,
+    image_through_cover,
     parameter_location,
     unknown_mirror_priors,
     value_of,
