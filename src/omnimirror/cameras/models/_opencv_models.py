@@ -20,8 +20,7 @@ from ._distortion import (
     ThinPrism,
     smallest_positive_root,
 )
-from .camera_model import Optics
-from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialProjection
+from .camera_model import ROUNDING, FocalModel, Optics, ParameterSlot, RadialProjection
 
 # -- Kannala-Brandt fisheye model ------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from ...base.errors import InvalidParameter
 from ...base.numerics import increasing_root
 from ...base.typing import Array
 from ._distortion import MIN_RATE
-from .radial_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
+from .camera_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
