@@ -102,7 +102,7 @@ if TYPE_CHECKING:
     from .dewarp import Dewarper as Dewarper
     from .dewarp import screens as screens
     from .dewarp import views as views
-    from .dewarp.image_files import dewarp_images as dewarp_images
+    from .dewarp.image_folders import dewarp_images as dewarp_images
     from .dewarp.request import VideoSettings as VideoSettings
     from .dewarp.restoration.deblurring import Restoration as Restoration
     from .dewarp.restoration.deblurring import restore as restore
@@ -341,7 +341,7 @@ _HOMES = {
     "save_camera": "optics.sensor_files",
     "save_sensor": "optics.sensor_files",
     "VideoSettings": "dewarp.request",
-    "dewarp_images": "dewarp.image_files",
+    "dewarp_images": "dewarp.image_folders",
     "Restoration": "dewarp.restoration.deblurring",
     "dewarp_video": "dewarp.video_files",
     "InteractiveView": "apps.studio.pages",

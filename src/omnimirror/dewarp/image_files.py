@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import file_name, validate_arguments
 from ..base.colour import linear_from_srgb, srgb_from_linear
 from ..base.errors import InvalidParameter
 from ..base.files import display_name, is_same_file
@@ -49,12 +48,9 @@ from ..io.images import (
     format_of,
     read_image_and_metadata,
 )
-from . import ColourDewarper, Dewarper, views
-from .interfaces import Border, Interpolation
-from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoSettings, is_video
-from .restoration.deblurring import Restoration
-from .screens import View
-from .view_geometry import Viewpoint
+from . import ColourDewarper, Dewarper
+from .interfaces import Border
+from .request import BorderColour, DewarpRequest, Size, VideoSettings, is_video
 
 if TYPE_CHECKING:
     from ..optics.sensor import Sensor
@@ -336,106 +332,3 @@ def _change_of_depth(before: str, after: str) -> str:
 def _percent(dewarp: Dewarper | ColourDewarper) -> str:
     percent = 100 * dewarp.valid.mean()
     return "all pixels" if percent == 100 else f"{percent:.3g} % of the pixels"
-
-
-# -- Folders ---------------------------------------------------------------------------------------
-
-
-@validate_arguments
-def dewarp_images(
-    sources: str | Path | Iterable[str | Path],
-    folder: str | Path,
-    *,
-    camera: Camera | Callable[[Size], Camera],
-    view: View | Callable[[Camera], View] = views.panorama,
-    interpolation: Interpolation = "auto",
-    viewpoint: Viewpoint = "exact",
-    border: BorderArgument | None = None,
-    transparent: bool | None = None,
-    restoration: Restoration | None = None,
-    keep_tilt: bool = False,
-    stored_orientation: bool = False,
-    wavelengths_nm: tuple[float, float, float] | None = None,
-    skip_existing: bool = False,
-    threads: int | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
-) -> DewarpedImages:
-    """Dewarp images to a folder in parallel, as ``omnimirror dewarp`` does.
-
-    Each image keeps its name, its depth if the format supports it, and its metadata
-    (EXIF, colour profile). Panoramas contain GPano metadata for viewers.
-
-    Parameters
-    ----------
-    sources
-        Files, folders and patterns such as ``"raw/*.jpg"``.
-    folder
-        Output folder.
-    camera
-        Camera, or a function that returns it for an image size (width, height) in px.
-    view
-        Screen of :mod:`omnimirror.screens`, or a function of the camera, such as those of
-        :mod:`omnimirror.views`.
-    interpolation, viewpoint
-        As in :class:`omnimirror.Dewarper`.
-    border
-        Colour outside the field: a grey level or (red, green, blue) in image values, or
-        ``"#rrggbb"``.
-    transparent
-        Transparency outside the field; by default if the file format supports it.
-    restoration
-        Deblurring before dewarping; none by default.
-    keep_tilt
-        Draw the view relative to the tilted camera, without levelling.
-    stored_orientation
-        Use pixels as stored, ignoring the orientation in the EXIF data.
-    wavelengths_nm
-        Wavelengths of red, green and blue light for the correction of lateral colour by the lens
-        and cover of a sensor.
-    skip_existing
-        Skip images whose output exists.
-    threads
-        Number of images processed in parallel; by default the number of processor cores.
-    on_progress
-        Callback with the number of finished images and the total.
-
-    Returns
-    -------
-    DewarpedImages
-        Completed images, and failed ones with their error messages.
-
-    Raises
-    ------
-    InvalidParameter
-        If the folder is a file, or a colour is invalid.
-    MediaError
-        If a source is not a file, or two sources have the same output.
-
-    Examples
-    --------
-    >>> import numpy as np, omnimirror as om, tempfile
-    >>> from pathlib import Path
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     om.write_image(f"{folder}/a.png", np.full((1024, 1024, 3), 90, np.uint8))
-    ...     found = om.dewarp_images(
-    ...         f"{folder}/*.png", f"{folder}/straight", camera=om.load_sensor("paper-spherical"),
-    ...         view=lambda camera: om.views.panorama(camera, (360, None)),
-    ...     )
-    ...     om.read_image(f"{folder}/straight/a.png").shape, len(found.results.failed)
-    ((135, 360, 4), 0)
-    """
-    colour = None if border is None else BorderColour.of(border)
-    request = DewarpRequest(
-        camera, view, interpolation, viewpoint, colour, keep_tilt, stored_orientation
-    )
-    names = [sources] if isinstance(sources, str | Path) else list(sources)
-    dewarper = ImageDewarper(
-        request, transparent=transparent, restoration=restoration, wavelengths_nm=wavelengths_nm
-    )
-    return dewarper.dewarp_many(
-        names,
-        file_name("folder", folder),
-        skip_existing=skip_existing,
-        threads=threads,
-        on_progress=on_progress,
-    )
