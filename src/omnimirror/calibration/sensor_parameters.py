@@ -34,6 +34,9 @@ from ..optics.tracing.reflection import (
     specular_points,
 )
 
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
 # -- Parameter names and locations -----------------------------------------------------------------
 
 NAME_PATTERN = re.compile(r"(mirror|lens|imager|mirror_pose|mount)\.(\w+)(?:\[(\d+)\])?")
@@ -312,10 +315,6 @@ def checked_priors(
 # parameters.
 #
 # The chain is: mirror shape, reflection, tube or dome, lens and imager.
-
-if TYPE_CHECKING:
-    from scipy.interpolate import BSpline
-
 
 # -- Mirror profile --------------------------------------------------------------------------------
 #
