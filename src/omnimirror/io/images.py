@@ -26,11 +26,17 @@ from numpy.typing import NDArray
 from ..base.arguments import file_name, instance
 from ..base.errors import MediaError, OmnimirrorError
 from ..base.files import atomic_output, read_bytes
-from . import _image_metadata, exr
-from ._image_metadata import METADATA_WRITERS, embed_metadata, read_metadata
-from ._image_metadata import ImageMetadata as ImageMetadata
+from . import exr, image_metadata
 from ._panorama import GPano
-from .exif import UPRIGHT, oriented, without_orientation
+from .image_metadata import (
+    METADATA_WRITERS,
+    UPRIGHT,
+    embed_metadata,
+    oriented,
+    read_metadata,
+    without_orientation,
+)
+from .image_metadata import ImageMetadata as ImageMetadata
 
 # -- PNG headers, checked before decompression ----------------------------------------------------
 
@@ -279,7 +285,7 @@ def can_be_panorama(path: str | Path) -> bool:
     >>> can_be_panorama("view.jpg"), can_be_panorama("view.exr")
     (True, False)
     """
-    return Path(path).suffix.lower() in _image_metadata.XMP_WRITERS
+    return Path(path).suffix.lower() in image_metadata.XMP_WRITERS
 
 
 def read_image_and_metadata(
@@ -442,7 +448,7 @@ def write_image(
     panorama
         Part of the full sphere in the image, for viewers; supported by JPEG, PNG, WebP and TIFF.
     metadata
-        Colour profile and EXIF from :func:`omnimirror.io._image_metadata.read_metadata`; supported
+        Colour profile and EXIF from :func:`omnimirror.io.image_metadata.read_metadata`; supported
         by the same formats. ``metadata.supported_by`` returns what a file can hold.
 
     Raises
@@ -526,7 +532,7 @@ def _check_writable(
 def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
     if not can_be_panorama(path):
         raise MediaError(
-            f"cannot write {path}: panorama metadata requires {', '.join(_image_metadata.XMP_WRITERS)}"
+            f"cannot write {path}: panorama metadata requires {', '.join(image_metadata.XMP_WRITERS)}"
         )
     height, width = image.shape[:2]
     if panorama.cropped_size != (width, height):
@@ -547,7 +553,7 @@ def _encoded(
         raise MediaError(f"cannot write {path}: {_reason(e)}") from None
     if metadata:
         data = embed_metadata(suffix, data, metadata)
-    return data if panorama is None else _image_metadata.embed_xmp(suffix, data, panorama.xmp())
+    return data if panorama is None else image_metadata.embed_xmp(suffix, data, panorama.xmp())
 
 
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
