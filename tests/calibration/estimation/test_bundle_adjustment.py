@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.calibration.estimation._accuracy import uncertainty
 from omnimirror.calibration.estimation._bundle_adjustment import bundle_adjust
-from omnimirror.calibration.estimation._covariance import uncertainty
 from omnimirror.calibration.estimation._residuals import (
     UNSEEN_PX,
     BoardShape,

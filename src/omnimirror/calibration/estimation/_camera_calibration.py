@@ -33,8 +33,8 @@ from ...optics.sensor import Sensor
 from ..sensor_model import SensorModel
 from ..straight_edges import StraightEdges
 from ..targets import Board, Detection, find_boards
+from ._accuracy import ParameterCovariance, uncertainty
 from ._bundle_adjustment import BundleAdjustment, Prior
-from ._covariance import ParameterCovariance, uncertainty
 from ._pipeline import (
     CalibrationCancelled,
     CalibrationPlan,

@@ -16,6 +16,7 @@ from ...cameras.models.sphere_models import Unified
 from ...cameras.models.spline_models import ViewpointSpline
 from ..sensor_model import SensorModel
 from ..straight_edges import StraightEdges
+from ._accuracy import HeldOut, ModelCandidate, held_out, select_model
 from ._bundle_adjustment import (
     CAUCHY,
     RELATIVE_TOLERANCE,
@@ -24,7 +25,6 @@ from ._bundle_adjustment import (
     bundle_adjust,
     shared_names,
 )
-from ._cross_validation import HeldOut, ModelCandidate, held_out, select_model
 from ._mount_stability import SEVERAL, check_mount_stability, flipped_images, reason
 from ._residuals import UNSEEN_PX, BoardShape, Loss
 from .model_sequence import (

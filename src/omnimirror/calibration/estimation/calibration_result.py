@@ -21,9 +21,8 @@ from ...optics.sensor_files import save_camera
 from .._initial_sensor import without_fold
 from ..sensor_model import SensorModel
 from ..uncertainty import measured_field_deg
+from ._accuracy import HeldOut, ModelCandidate, ParameterCovariance, UndeterminedCombination
 from ._bundle_adjustment import BundleAdjustment
-from ._covariance import ParameterCovariance, UndeterminedCombination
-from ._cross_validation import HeldOut, ModelCandidate
 from ._residuals import BoardShape
 from .observation_checks import Coverage, Outlier, remaining_outliers
 
