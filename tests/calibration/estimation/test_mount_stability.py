@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.calibration.estimation._mount_stability import ImageCentres, check_mount_stability
+from omnimirror.calibration.estimation.observation_checks import ImageCentres, check_mount_stability
 
 from .cases import BOARD, NOISE_PX, detections
 

@@ -25,7 +25,6 @@ from ._bundle_adjustment import (
     bundle_adjust,
     shared_names,
 )
-from ._mount_stability import SEVERAL, check_mount_stability, flipped_images, reason
 from ._residuals import UNSEEN_PX, BoardShape, Loss
 from .model_sequence import (
     KINDS,
@@ -40,10 +39,14 @@ from .model_sequence import (
     mirror_from_viewpoints,
 )
 from .observation_checks import (
+    SEVERAL,
     Outlier,
+    check_mount_stability,
     check_poses,
+    flipped_images,
     inconsistent_images,
     joined_names,
+    reason,
     without_outliers,
     without_rejected,
 )
