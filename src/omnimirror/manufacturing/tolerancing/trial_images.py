@@ -551,9 +551,7 @@ def _focused(
     is_lost: NDArray[np.bool_],
     refocus: Refocus,
 ) -> Sensor:
-    """Return the sensor at best focus; blur divided by image scale is linear in the focus
-    coordinate.
-    """
+    """Return the sensor at best focus; blur over image scale is linear in the focus coordinate."""
     lens = built.lens
     here = float(lens.focus_coordinate(lens.focus_distance_mm))
     near = 1.01 * here if here else 1e-3
