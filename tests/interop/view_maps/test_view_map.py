@@ -13,7 +13,7 @@ from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp.screens import parts_of
 from omnimirror.dewarp.view_geometry import centre_of_projection
 from omnimirror.interop.view_maps import _inverse_mapping
-from omnimirror.interop.view_maps._inverse_mapping import intersect_screen, view_pixels
+from omnimirror.interop.view_maps._view_map import intersect_screen, view_pixels
 from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.everyday import few
 
