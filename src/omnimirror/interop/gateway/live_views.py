@@ -27,8 +27,7 @@ from ...dewarp.yuv import Siting
 from ...io.live_sources import TICKS, Playback, without_credentials
 from ...io.video_frames import planar
 from ..named_views import NamedView
-from .publishing import publish_stream
-from .stream_outputs import JpegEncoder, LatestOutput, StreamOutput, TransportOutput
+from .stream_outputs import JpegEncoder, LatestOutput, StreamOutput, TransportOutput, publish_stream
 
 MAX_VIDEO_SIDE_PX = 8192
 """Maximum side that H.264 players support."""
