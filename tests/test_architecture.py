@@ -120,7 +120,7 @@ READS = {
     "io.video_metadata": "opens codecs",
     "io.video_reader": "check_file, then FFmpeg, frame by frame",
     "io.live_sources": "streams, with timeouts",
-    "interop.gateway.stream_outputs": "streams",
+    "interop.gateway.publishing": "streams",
     "simulation.datasets": "writes",
     "interop.view_maps._arrays": "writes",
     "io.image_metadata": "the header of bytes that were read",

@@ -27,7 +27,8 @@ from ...dewarp.yuv import Siting
 from ...io.live_sources import TICKS, Playback, without_credentials
 from ...io.video_frames import planar
 from ..named_views import NamedView
-from .stream_outputs import JpegEncoder, LatestOutput, StreamOutput, TransportOutput, publish_stream
+from .publishing import publish_stream
+from .stream_outputs import JpegEncoder, LatestOutput, StreamOutput, TransportOutput
 
 MAX_VIDEO_SIDE_PX = 8192
 """Maximum side that H.264 players support."""
