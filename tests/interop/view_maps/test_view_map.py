@@ -12,7 +12,7 @@ from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp.screens import parts_of
 from omnimirror.dewarp.view_geometry import centre_of_projection
-from omnimirror.interop.view_maps import _inverse_mapping
+from omnimirror.interop.view_maps import _view_map
 from omnimirror.interop.view_maps._view_map import intersect_screen, view_pixels
 from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.everyday import few
@@ -172,9 +172,9 @@ def test_initial_values_are_a_grid_over_the_screen(size, monkeypatch):
     """From 0.25 px inside one edge to the other, in steps of one pixel or 1/160 of the longer side; a
     side of one pixel is covered too."""
     calls = []
-    targets = _inverse_mapping._targets
+    targets = _view_map._targets
     monkeypatch.setattr(
-        _inverse_mapping, "_targets", lambda screen, at: (calls.append(at), targets(screen, at))[1]
+        _view_map, "_targets", lambda screen, at: (calls.append(at), targets(screen, at))[1]
     )
     view = om.screens.Plane(size, hfov_deg=60.0, distance_mm=500.0)
     centre = np.array(size) / 2 - 0.5
@@ -242,7 +242,7 @@ def test_large_images_are_mapped_in_chunks(monkeypatch):
         counts.append(len(directions))
         return np.zeros((len(directions), 2))
 
-    monkeypatch.setattr(_inverse_mapping, "intersect_screen", count_rays)
+    monkeypatch.setattr(_view_map, "intersect_screen", count_rays)
     camera = om.Unified(
         xi=0.9, focal_px=(160.0, 160.0), centre_px=(149.5, 149.5), image_size=(300, 300)
     )
@@ -301,7 +301,7 @@ def test_chunks_do_not_change_the_map(monkeypatch):
     view = om.screens.Equirectangular((180, 90))
     whole = view_pixels(camera, view, "exact")
     assert np.isfinite(whole).all()
-    monkeypatch.setattr(_inverse_mapping, "CHUNK_RAYS", 1000)
+    monkeypatch.setattr(_view_map, "CHUNK_RAYS", 1000)
     np.testing.assert_allclose(view_pixels(camera, view, "exact"), whole, atol=1e-6)
 
 
