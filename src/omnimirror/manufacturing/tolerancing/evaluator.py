@@ -225,7 +225,7 @@ def merit_limits(limit: Limit) -> dict[str, float]:
     }
 
 
-CHUNK = 256  # trials per batch, for cache locality
+CHUNK = 256  # trials per batch in NumPy, for cache locality
 
 
 class MeritRows(NamedTuple):
@@ -514,7 +514,6 @@ def _filled(columns: Array, sizes: tuple[int, ...]) -> Array:
     return np.pad(columns, ((0, 0), (0, target - columns.shape[1])))
 
 
-CHUNK = 256  # trials per batch in NumPy, for cache locality
 COMPILED_CHUNK = 2048
 
 
