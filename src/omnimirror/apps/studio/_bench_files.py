@@ -228,4 +228,4 @@ def coarser(sensor: Sensor, max_side_px: int) -> Sensor:
     share = max_side_px / max(i.size)
     centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
     width, height = (max(1, round(side * share)) for side in i.size)
-    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]
+    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]  # a tuple of two

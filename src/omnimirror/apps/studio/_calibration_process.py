@@ -174,7 +174,7 @@ def result_message(calibration: Calibration) -> CalibrationResult:
             for s in fit.observations
             if s.name in used
         ),
-        camera_file=format_camera(calibration.camera, calibration.summary),  # type: ignore[arg-type]
+        camera_file=format_camera(calibration.camera, calibration.summary),  # type: ignore[arg-type]  # a calibrated camera has a file format
     )
 
 

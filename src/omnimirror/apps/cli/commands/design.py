@@ -299,6 +299,7 @@ def command(
 
     For infeasible requirements, the necessary relaxations are printed, and the exit code is 3.
     """
+    # More than 60 lines: the options of the command and its dispatch by request.
     if merits:
         options = replace(options, optimise=merits[0])
     loaded = options.requirements(requirements, changes)
