@@ -246,7 +246,7 @@ with workers_in_processes(1) as workers:
 
 PAGE_FAULTS = """
 import resource
-from omnimirror.base.block_runner import retain_freed_memory
+from omnimirror.base.block_runner import reuse_freed_memory
 
 def page_faults():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -255,7 +255,7 @@ def page_faults():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 
 before = page_faults()
-retain_freed_memory()
+reuse_freed_memory()
 print(before, page_faults())
 """
 

@@ -315,7 +315,7 @@ def run_on_worker(block: BlockTask) -> Any:
 
 def run_on_cluster(block: BlockTask) -> Any:
     """Run a block in a worker of a Dask cluster."""
-    retain_freed_memory()
+    reuse_freed_memory()
     return run_on_worker(block)
 
 
@@ -324,8 +324,8 @@ MMAP_BYTES, TRIM_BYTES = 32 << 20, 64 << 20
 
 
 @cache
-def retain_freed_memory() -> None:
-    """Let this process reuse the memory of images, with the GNU C library.
+def reuse_freed_memory() -> None:
+    """Reuse freed memory of images in this process, with the GNU C library.
 
     Dask starts workers with MALLOC_TRIM_THRESHOLD_ = 64 kB, by which each image is allocated from
     and returned to the operating system. This requires 30 % more processor time for dewarping.

@@ -157,7 +157,7 @@ class BatchBlock:
 
     @property
     def is_divisible(self) -> bool:
-        """Whether its inputs are independent files, without common decompression or output."""
+        """True if its inputs are independent files, without common decompression or output."""
         inputs = self.job.inputs
         is_gzip = any(name.lower().endswith(GZIP_SUFFIXES) for name in inputs.shards)
         is_segment_or_array = bool(inputs.videos or inputs.arrays)
@@ -176,7 +176,7 @@ MIN_DIVIDED_ITEMS = 4
 
 
 def balanced(blocks: Sequence[BatchBlock], workers: int) -> Iterator[BatchBlock]:
-    """Yield blocks of decreasing size at the end of a job, so that all workers end together.
+    """Yield blocks of decreasing size, so that all workers end together.
 
     A block of files has at most 1 / (2 workers) of the remaining inputs (guided self-scheduling);
     other blocks are not divided.
