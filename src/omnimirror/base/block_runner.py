@@ -325,7 +325,7 @@ MMAP_BYTES, TRIM_BYTES = 32 << 20, 64 << 20
 
 @cache
 def reuse_freed_memory() -> None:
-    """Reuse freed memory of images in this process, with the GNU C library.
+    """Keep freed memory of images in this process, with the GNU C library.
 
     Dask starts workers with MALLOC_TRIM_THRESHOLD_ = 64 kB, by which each image is allocated from
     and returned to the operating system. This requires 30 % more processor time for dewarping.
