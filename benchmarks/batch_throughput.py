@@ -4,7 +4,8 @@ Interleaved rounds of a bare loop (decode, dewarp, encode, write) in one and in 
 runner with one thread, one and two worker processes, and a local Dask cluster with two workers. Each run writes to a
 new folder. Rates and processor times exclude the start: they are those of the second half of the images of a run. The
 maximum rate and the minimum processor time over the rounds are reported. Two independent bare loops show how much of
-two cores is available: the ratios of two workers are to be compared with theirs.
+two cores is available: the ratios of two workers are to be compared with theirs. A worker is busy while it runs or
+waits for a core (Linux); with the processor time, its busy share is the rate with a free core per worker.
 
     python benchmarks/batch_throughput.py -o out/benchmarks
 """
@@ -18,7 +19,6 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -51,10 +51,11 @@ def make_job(folder: Path, name: str, size: str, workers: int, per_block: int = 
 
 
 class Cost(NamedTuple):
-    """Images per second, and processor time of all processes per image in ms."""
+    """Images per second, processor time of all processes per image in ms, and busy share of workers."""
 
     rate: float
     processor_ms: float
+    busy: float = 1.0
 
 
 def bare_loop(job: BatchJob, name: str, barrier: Barrier, costs: Any) -> None:
@@ -94,31 +95,51 @@ def run_bare_loops(job: BatchJob, processes: int) -> Cost:
     return Cost(sum(c.rate for c in costs), sum(c.processor_ms for c in costs) / processes)
 
 
-def processor_s() -> float:
-    """Return the processor time of this process and its children, s."""
+class Usage(NamedTuple):
+    """State of this process and its children: wall time, processor time and busy time by process, s."""
+
+    wall: float
+    processor: float
+    busy: dict[int, float]
+
+
+def usage() -> Usage:
+    """Return the current state; the busy time of a process is that of its busiest thread."""
     own = psutil.Process()
-    times = [process.cpu_times() for process in (own, *own.children(recursive=True))]
-    return sum(each.user + each.system for each in times)
+    processes = [own, *own.children(recursive=True)]
+    times = [process.cpu_times() for process in processes]
+    busy = {}
+    for process in processes[1:]:
+        files = Path(f"/proc/{process.pid}/task").glob("*/schedstat")
+        threads = [[int(value) for value in file.read_text().split()] for file in files]
+        run, wait, _ = max(threads, default=[0, 0, 0])
+        busy[process.pid] = (run + wait) / 1e9
+    return Usage(time.perf_counter(), sum(each.user + each.system for each in times), busy)
 
 
 def run_batch(job: BatchJob, scheduler: str) -> Cost:
     """Return the cost of a run."""
-    progress: list[tuple[int, float, float]] = []
+    progress: list[tuple[int, Usage]] = []
 
     def record(done: int, total: int) -> None:
-        is_bound = done == total or (done >= total // 2 and len(progress) == 0)
-        if is_bound:
-            progress.append((done, time.perf_counter(), processor_s()))
+        if done == total or (done >= total // 2 and not progress):
+            progress.append((done, usage()))
 
     status = om.batch.run(job, scheduler=scheduler, on_progress=record)
     assert status.failed == 0
-    (first, start, processor), (last, end, processor_end) = progress[0], progress[-1]
-    count = last - first
-    return Cost(count / (end - start), 1000 * (processor_end - processor) / count)
+    (first, start), (last, end) = progress[0], progress[-1]
+    count, wall = last - first, end.wall - start.wall
+    shares = sorted((end.busy[pid] - start.busy.get(pid, 0.0)) / wall for pid in end.busy)
+    workers = shares[-(job.execution.workers or 1) :]
+    return Cost(
+        count / wall,
+        1000 * (end.processor - start.processor) / count,
+        sum(workers) / len(workers) if workers else 1.0,
+    )
 
 
 def measure(
-    folder: Path, size: str, rounds: int, address: str, per_block: int
+    folder: Path, size: str, rounds: int, per_block: int, with_dask: bool
 ) -> dict[str, list[Cost]]:
     """Return the costs of all methods, interleaved."""
     methods: dict[str, Callable[[BatchJob], Cost]] = {
@@ -127,9 +148,9 @@ def measure(
         THREAD: lambda job: run_batch(job, "threads"),
         PROCESS: lambda job: run_batch(job, "processes"),
         TWO: lambda job: run_batch(job, "processes"),
-        DASK: lambda job: run_batch(job, address),
+        DASK: lambda job: run_batch(job, "local"),
     }
-    if not address:
+    if not with_dask:
         del methods[DASK]
     costs: dict[str, list[Cost]] = {name: [] for name in methods}
     for number in range(rounds):
@@ -152,28 +173,31 @@ def min_processor_ms(costs: list[Cost]) -> float:
     return min(cost.processor_ms for cost in costs)
 
 
+def max_busy(costs: list[Cost]) -> float:
+    """Return the maximum busy share of several rounds."""
+    return max(cost.busy for cost in costs)
+
+
+def free_rate(costs: list[Cost], workers: int) -> float:
+    """Return the rate with a free core per worker, images/s."""
+    return 1000 * workers * max_busy(costs) / min_processor_ms(costs)
+
+
 def table(costs: dict[str, list[Cost]]) -> list[str]:
     """Return the rows of a table of rates."""
     rows = [
-        "| method | images/s | relative rate | processor time per image, ms |",
-        "|---|---:|---:|---:|",
+        "| method | images/s | relative rate | processor time per image, ms | workers busy, % |",
+        "|---|---:|---:|---:|---:|",
     ]
     for name, runs in costs.items():
         reference = REFERENCES.get(name, BARE)
         ratio = max_rate(runs) / max_rate(costs[reference])
         relative = f"{ratio:.2f} of {reference}"
         rows.append(
-            f"| {name} | {max_rate(runs):.1f} | {relative} | {min_processor_ms(runs):.2f} |"
+            f"| {name} | {max_rate(runs):.1f} | {relative} | {min_processor_ms(runs):.2f} "
+            f"| {100 * max_busy(runs):.0f} |"
         )
     return rows
-
-
-def cluster(stack: ExitStack) -> str:
-    """Start a cluster with two workers and return its address."""
-    from distributed import LocalCluster
-
-    started = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0")
-    return str(stack.enter_context(started).scheduler_address)
 
 
 def write_images(folder: Path, count: int, width: int) -> None:
@@ -204,12 +228,10 @@ def main() -> None:
     load_note = load_warning()
     with tempfile.TemporaryDirectory() as folder:
         write_images(Path(folder), options.images, 1024)
-        with ExitStack() as stack:
-            address = "" if options.without_dask else cluster(stack)
-            large = measure(Path(folder), "[1024, 256]", options.rounds, address, 4)
+        large = measure(Path(folder), "[1024, 256]", options.rounds, 8, not options.without_dask)
     with tempfile.TemporaryDirectory() as folder:
         write_images(Path(folder), 5 * options.images, 64)
-        small = measure(Path(folder), "[64, 16]", options.rounds, "", 32)
+        small = measure(Path(folder), "[64, 16]", options.rounds, 32, False)
     lines += [
         f"{options.images} JPEG images of 1024 x 1024 px to panoramas of 1024 x 256 px; {processor_name()}, "
         f"{os.cpu_count()} cores.{load_note}",
@@ -226,11 +248,13 @@ def main() -> None:
     rate = 1000 * MODEL_WORKERS / cost_ms
     ratio = max_rate(large[TWO]) / max_rate(large[PROCESS])
     bare_ratio = max_rate(large[BARE_TWO]) / max_rate(large[BARE])
+    free_ratio = free_rate(large[TWO], 2) / free_rate(large[PROCESS], 1)
     lines.append(
         f"Overhead of the runner: {overhead_ms:.2f} ms of processor time per image. Two worker processes reach "
-        f"{ratio:.2f} times one; two independent bare loops {bare_ratio:.2f} times one. Model for {MODEL_WORKERS} "
-        f"workers with one core each: {rate:.0f} images/s at {cost_ms:.1f} ms per image; {IMAGES_PER_DAY:,} images "
-        f"per day require {IMAGES_PER_DAY * cost_ms / 86_400_000:.2f} workers."
+        f"{ratio:.2f} times one; two independent bare loops {bare_ratio:.2f} times one. With a free core per worker, "
+        f"processor times and busy shares correspond to {free_ratio:.2f} times one. Model for {MODEL_WORKERS} workers "
+        f"with one core each: {rate:.0f} images/s at {cost_ms:.1f} ms per image; {IMAGES_PER_DAY:,} images per day "
+        f"require {IMAGES_PER_DAY * cost_ms / 86_400_000:.2f} workers."
     )
     write_text(options.output / "batch_throughput.md", "\n".join(lines) + "\n")
     print("\n".join(lines))
