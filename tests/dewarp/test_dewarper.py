@@ -257,7 +257,7 @@ def test_large_outputs_are_tiled(monkeypatch, uncompiled):
             "1024 x 1020 px of the camera; got 512 x 510 px; the aspect ratios are equal",
         ),
         (np.zeros((480, 640), np.uint8), "1024 x 1020 px of the camera; got 640 x 480 px$"),
-        (np.zeros((1020, 1024), float), "one of uint8, uint16, float32; got float64"),
+        (np.zeros((1020, 1024), complex), "float64, bool; got complex128"),
         (
             np.zeros((1020, 1024, 2), np.uint8),
             r"1, 3 or 4 channels; got an array of shape \(1020, 1024, 2\)",

@@ -8,8 +8,9 @@ the image repeat the edge. Area is the mean of cubic samples over the footprint 
 restricted to samples inside the image; auto equals area for minified pixels, and cubic otherwise
 (see "Footprints of output pixels" below).
 
-Results agree within one grey level. Coordinates are rounded to float32 before sampling; the
-compiled samplers quantise fractions of a pixel to 1/255 in uint8 images and to 1/65535 in others.
+Results agree within one grey level; integers are rounded to the nearest and limited to their range.
+Coordinates are rounded to float32 before sampling; the compiled samplers quantise fractions of a
+pixel to 1/255 in uint8 images and to 1/65535 in others.
 
 .. [1] R. G. Keys, Cubic convolution interpolation for digital image processing, IEEE Trans. ASSP 29 (1981).
 """
@@ -32,6 +33,7 @@ from ..base.native import backend
 from ..base.typing import Mask
 from ..cameras.camera import inside_image
 from ..io.images import OPAQUE
+from ._array_types import CONVERSIONS, Conversion
 from .interfaces import (
     INTERPOLATIONS,
     KERNELS,
@@ -269,9 +271,9 @@ def _largest(values: NDArray[np.float32], cells: tuple[int, int]) -> NDArray[np.
 
 # -- Validation of sampling arguments --------------------------------------------------------------
 
-DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {
-    np.dtype(name).newbyteorder() for name in OPAQUE
-}
+FULL_VALUES = {**OPAQUE, "int16": 32767, "float64": 1.0, "bool": 1}
+"""Value of an opaque alpha channel, by data type of arrays."""
+DTYPES = ("uint8", "uint16", "int16", "float32", "float64", "bool")
 MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
@@ -303,9 +305,9 @@ def check_kind(image: Image) -> None:
         raise InvalidParameter(
             f"the image must have 1 to 4 channels; got an array of shape {image.shape}"
         )
-    if image.dtype not in DEPTHS:
+    if image.dtype.name not in DTYPES:
         raise InvalidParameter(
-            f"the type of the image must be one of {', '.join(OPAQUE)}; got {image.dtype.name}"
+            f"the type of the image must be one of {', '.join(DTYPES)}; got {image.dtype.name}"
         )
 
 
@@ -418,10 +420,12 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
         raise InvalidParameter(
             f"border must have one value, or one for each of the {channels} channels of the image; got {border}"
         )
-    full = OPAQUE[image.dtype.name]
-    if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
+    high = FULL_VALUES[image.dtype.name]
+    low = -high - 1 if image.dtype.kind == "i" else 0
+    is_integer = image.dtype.kind != "f"
+    if is_integer and not ((values >= low) & (values <= high) & (values % 1 == 0)).all():
         raise InvalidParameter(
-            f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {border}"
+            f"border must contain integers from {low} to {high} for {image.dtype.name} images; got {border}"
         )
     return tuple(np.broadcast_to(values, channels).tolist())
 
@@ -440,6 +444,11 @@ def with_alpha(image: Image) -> Image:
     channels = image.shape[2:]
     if channels == (4,):
         return image
+    if image.dtype.name not in OPAQUE:  # OpenCV has no conversion of this type
+        rgba = np.empty((*image.shape[:2], 4), image.dtype)
+        rgba[..., :3] = image if channels else image[..., None]
+        rgba[..., 3] = FULL_VALUES[image.dtype.name]
+        return rgba
     rgb = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA))
 
@@ -700,8 +709,9 @@ def remap(
 
     Parameters
     ----------
-    image : (h, w) or (h, w, c) array, uint8, uint16 or float32, c from 1 to 4
-        Image of the map's ``source_size``, with any strides.
+    image : (h, w) or (h, w, c) array, c from 1 to 4
+        Image of the map's ``source_size``, with any strides: uint8, uint16, int16, float32, float64
+        or bool. Types other than uint8, uint16 and float32 are copied.
     where
         A :class:`~omnimirror.dewarp.maps.PixelMap`,
         :class:`~omnimirror.dewarp.maps.LatticeMap` or :class:`~omnimirror.dewarp.maps.PolarMap`.
@@ -733,6 +743,9 @@ def remap(
             f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}"
         )
     out = output_array(out, image, where.size)
+    if image.dtype.name in CONVERSIONS:
+        conversion = CONVERSIONS[image.dtype.name]
+        return _remap_converted(image, where, interpolation, out, border, conversion)
     target_view = out if out.ndim == 3 else out[..., None]
     is_direct = is_contiguous(target_view) and not np.may_share_memory(image, out)
     target = target_view if is_direct else np.empty(target_view.shape, target_view.dtype)
@@ -745,4 +758,19 @@ def remap(
         selected.sample(job, where)
     if not is_direct:
         target_view[...] = target
+    return out
+
+
+def _remap_converted(
+    image: Image,
+    where: Map,
+    interpolation: Interpolation,
+    out: Image,
+    border: Border,
+    conversion: Conversion,
+) -> Image:
+    """Interpolate an image of a type that the samplers do not support."""
+    values = np.array(border_values(border, image)) * conversion.scale + conversion.offset
+    samples = remap(conversion.encode(image), where, interpolation, border=values.tolist())
+    out[...] = conversion.decode(samples)
     return out
