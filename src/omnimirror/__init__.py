@@ -112,6 +112,7 @@ if TYPE_CHECKING:
     from .dewarp.video_files import dewarp_video as dewarp_video
     from .dewarp.views import register_view as register_view
     from .interop import batch as batch
+    from .interop import torch as torch
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
     from .interop.file_schemas import schema as schema
@@ -359,8 +360,8 @@ _HOMES = {
     "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
-_MODULES = {"batch": "interop.batch", "mirrors": "optics.mirrors"}
-__all__ = ["__version__", "batch", *_HOMES]
+_MODULES = {"batch": "interop.batch", "mirrors": "optics.mirrors", "torch": "interop.torch"}
+__all__ = ["__version__", "batch", "torch", *_HOMES]
 
 
 if not TYPE_CHECKING:  # type checkers see the names above and must reject all others

@@ -79,13 +79,13 @@ def test_panorama_is_sampled_without_pixel_map(camera):
     )
     dewarp = om.Dewarper(camera, om.screens.Cylinder((500, 300), -90.0, 60.0), "linear")
     dewarped = dewarp(image)
-    assert "_pixel_map" not in dewarp.__dict__
+    assert "pixel_map" not in dewarp.__dict__
     expected = remap_at(image, dewarp.coordinates())
     mapped_dewarper = replace(dewarp, keep_map=True)
     for later in (dewarped, mapped_dewarper(image), mapped_dewarper(image)):
         differs = np.abs(later.astype(int) - expected).max(axis=-1) > 1
         assert differs.mean() < 1e-3  # at the image border float32 can decide differently
-    assert "_pixel_map" in mapped_dewarper.__dict__
+    assert "pixel_map" in mapped_dewarper.__dict__
 
 
 def test_separability_requires_vertical_axis():

@@ -298,7 +298,7 @@ class Dewarper:
     @cached_property
     def _map(self) -> Map:
         """Map for all images: the pixel map if requested or if no other map applies."""
-        return self._pixel_map if self.keep_map or self._quick_map is None else self._quick_map
+        return self.pixel_map if self.keep_map or self._quick_map is None else self._quick_map
 
     @cached_property
     def _quick_map(self) -> Map | None:
@@ -322,7 +322,8 @@ class Dewarper:
         return replace(lattice, annulus=annulus_of(self.camera))
 
     @cached_property
-    def _pixel_map(self) -> PixelMap:
+    def pixel_map(self) -> PixelMap:
+        """Map with the source coordinates of all pixels, for samplers of other libraries."""
         annulus = annulus_of(self.camera)
         if self._quick_map is not None:
             return PixelMap.of(self._quick_map, annulus)

@@ -17,7 +17,7 @@ pixel to 1/255 in uint8 images and to 1/65535 in others.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -501,16 +501,81 @@ def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
     """Compute means over footprints in bands of rows, identical to
     native/src/sampling/footprint.hpp.
     """
-    image = job.source.astype(np.float32)
+    image, dtype = job.source.astype(np.float32), job.target.dtype
+    size = image.shape[1], image.shape[0]
+    for rows, around, taps in _bands(where, size, averages):
+        out = np.empty((*taps.shape[:2], image.shape[2]), np.float32)
+        out[:] = job.border
+        for chosen, centres, positions in _footprint_groups(around, taps, averages):
+            out[chosen] = _means(image, centres, positions)
+        if dtype != np.float32:
+            out = np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max)
+        job.target[rows] = out.astype(dtype, copy=False)
+
+
+def sample_positions(where: Map, interpolation: Interpolation) -> tuple[Values, NDArray[np.int64]]:
+    """Return the positions of all samples of a view, for samplers of other libraries.
+
+    Parameters
+    ----------
+    where
+        Map of the view.
+    interpolation
+        An output pixel is the mean of its samples; for ``"nearest"``, ``"linear"`` and ``"cubic"``
+        it has one sample. Pixels outside the field have none.
+
+    Returns
+    -------
+    positions : (n, 2) float32
+        Source pixels (u, v).
+    indices : (n,)
+        Index of the output pixel of each sample, in rows; ascending.
+
+    Examples
+    --------
+    >>> from omnimirror.dewarp.maps import PixelMap
+    >>> view = PixelMap(np.array([[[0.25, 0.5], [1.6, 0.0], [1.0, 0.0]]]), (2, 2))
+    >>> positions, indices = sample_positions(view, "linear")
+    >>> positions.tolist(), indices.tolist()
+    ([[0.25, 0.5], [1.0, 0.0]], [0, 2])
+    """
+    check_interpolation(interpolation)
+    averages, pixels, size = where.averages(interpolation), where.pixels(), where.source_size
+    if averages is None:
+        inside: Mask = inside_image(pixels.astype(np.float32), size)
+        return pixels[inside].astype(np.float32), np.flatnonzero(inside)
+    columns = where.size[0]
+    samples: list[tuple[Values, NDArray[np.int64]]] = []
+    for rows, around, taps in _bands(pixels, size, averages):
+        for chosen, centres, positions in _footprint_groups(around, taps, averages):
+            indices = np.flatnonzero(chosen) + rows.start * columns
+            is_empty = np.ones(len(indices), np.bool_)
+            for position in positions:
+                visible = inside_image(position, size)
+                is_empty &= ~visible
+                samples.append((position[visible], indices[visible]))
+            samples.append((centres[is_empty], indices[is_empty]))
+    if not samples:
+        return np.zeros((0, 2), np.float32), np.zeros(0, np.int64)
+    all_positions, all_indices = (np.concatenate(part) for part in zip(*samples, strict=True))
+    order = np.argsort(all_indices, kind="stable")
+    return all_positions[order], all_indices[order]
+
+
+def _bands(
+    where: Pixels, size: tuple[int, int], averages: Averages
+) -> Iterator[tuple[slice, Values, NDArray[np.uint8]]]:
+    """Yield bands of rows with their coordinates and a margin of one pixel, and their numbers of
+    samples.
+    """
     rows, columns = where.shape[:2]
     step = averages.step
     band = max(step, BAND_PX // columns // step * step)
     for top in range(0, rows, band):
         bottom = min(top + band, rows)
-        around = _neighbourhood(where, (image.shape[1], image.shape[0]), top, bottom)
         cells = averages.taps[top // step : -(-bottom // step)]
         taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
-        job.target[top:bottom] = _band(image, around, taps, averages, job.border, job.target.dtype)
+        yield slice(top, bottom), _neighbourhood(where, size, top, bottom), taps
 
 
 def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
@@ -545,33 +610,38 @@ def _extrapolated(pixels: Values, axis: int, before: bool, after: bool) -> Value
     return np.concatenate([*ends[0], pixels, *ends[1]], axis)
 
 
-def _band(
-    image: Image,
-    around: Values,
-    taps: NDArray[np.uint8],
-    averages: Averages,
-    border: tuple[float, ...],
-    dtype: Any,
-) -> Image:
+def _footprint_groups(
+    around: Values, taps: NDArray[np.uint8], averages: Averages
+) -> Iterator[tuple[Mask, Values, Iterator[Values]]]:
+    """Yield pixels with a common number of samples: their mask, their coordinates (n, 2), and the
+    coordinates of each of their samples, NaN outside the field.
+    """
     middle = around[1:-1, 1:-1]
-    out = np.empty((*middle.shape[:2], image.shape[2]), np.float32)
-    out[:] = border
     aside = _sides(middle, around[1:-1, :-2], around[1:-1, 2:], averages)
     upright = _sides(middle, around[:-2, 1:-1], around[2:, 1:-1], averages)
     inside = np.isfinite(middle[..., 0])
     for across, down in np.unique(taps[inside], axis=0):
         chosen = inside & (taps == (across, down)).all(axis=-1)
-        positions = (
-            middle[chosen]
-            + _part(i, across, [s[chosen] for s in aside])
-            + _part(j, down, [s[chosen] for s in upright])
-            for i in range(across)
-            for j in range(down)
-        )
-        out[chosen] = _means(image, middle[chosen], positions, averages.annulus)
-    if dtype == np.float32:
-        return out
-    return np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max).astype(dtype)
+        centres = middle[chosen]
+        sides = [side[chosen] for side in aside], [side[chosen] for side in upright]
+        yield chosen, centres, _footprint_positions(centres, sides, (across, down), averages)
+
+
+def _footprint_positions(
+    centres: Values,
+    sides: tuple[list[Values], list[Values]],
+    taps: tuple[int, int],
+    averages: Averages,
+) -> Iterator[Values]:
+    """Yield the coordinates (n, 2) of each sample of some pixels; NaN outside the annulus."""
+    annulus = averages.annulus
+    for i in range(taps[0]):
+        for j in range(taps[1]):
+            pixels = centres + _part(i, taps[0], sides[0]) + _part(j, taps[1], sides[1])
+            if annulus is not None:
+                square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
+                pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
+            yield pixels
 
 
 def _sides(middle: Values, before: Values, after: Values, averages: Averages) -> list[Values]:
@@ -607,9 +677,7 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
     return abs(t) * sides[0 if t < 0 else 1]
 
 
-def _means(
-    image: Image, middle: Values, positions: Iterable[Values], annulus: Annulus | None
-) -> Image:
+def _means(image: Image, middle: Values, positions: Iterable[Values]) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
     """
@@ -618,9 +686,6 @@ def _means(
         np.zeros(len(middle), np.float32),
     )
     for pixels in positions:
-        if annulus is not None:
-            square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
-            pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
         values, visible = _sampled_list(image, pixels)
         sums += values
         counts += visible
