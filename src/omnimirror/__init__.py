@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .analysis.relative_illumination import illumination as illumination
     from .analysis.spot_diagrams import check_blur as check_blur
     from .analysis.spot_diagrams import spots as spots
+    from .apps import plot as plot
     from .apps.reports import write_demo as write_demo
     from .apps.reports.calibration import write_calibration_figures as write_calibration_figures
     from .apps.reports.calibration import write_calibration_report as write_calibration_report
@@ -360,8 +361,13 @@ _HOMES = {
     "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
-_MODULES = {"batch": "interop.batch", "mirrors": "optics.mirrors", "torch": "interop.torch"}
-__all__ = ["__version__", "batch", "torch", *_HOMES]
+_MODULES = {
+    "batch": "interop.batch",
+    "mirrors": "optics.mirrors",
+    "plot": "apps.plot",
+    "torch": "interop.torch",
+}
+__all__ = ["__version__", "batch", "plot", "torch", *_HOMES]
 
 
 if not TYPE_CHECKING:  # type checkers see the names above and must reject all others

@@ -1,4 +1,4 @@
-"""Conversion between arrays of other libraries and other data types and those of the samplers.
+"""DtypeConversion between arrays of other libraries and other data types and those of the samplers.
 
 The samplers support uint8, uint16 and float32. The weights of an interpolation sum to 1; therefore
 an offset or a scale of the values commutes with it, and int16 and bool are sampled exactly as
@@ -25,8 +25,8 @@ TRUE_VALUE = 255
 """uint8 value of True; 0 is False."""
 
 
-class Conversion(NamedTuple):
-    """Conversion of a data type to one of the samplers and back."""
+class DtypeConversion(NamedTuple):
+    """DtypeConversion of a data type to one of the samplers and back."""
 
     encode: Callable[[Image], Image]
     decode: Callable[[Image], Image]
@@ -69,9 +69,9 @@ def _decode_float64(image: Image) -> Image:
 
 
 CONVERSIONS = {
-    "int16": Conversion(_encode_int16, _decode_int16, 1, INT16_OFFSET),
-    "float64": Conversion(_encode_float64, _decode_float64),
-    "bool": Conversion(_encode_bool, _decode_bool, TRUE_VALUE),
+    "int16": DtypeConversion(_encode_int16, _decode_int16, 1, INT16_OFFSET),
+    "float64": DtypeConversion(_encode_float64, _decode_float64),
+    "bool": DtypeConversion(_encode_bool, _decode_bool, TRUE_VALUE),
 }
 """Conversions by name of the data type, for types that the samplers do not support."""
 

@@ -33,7 +33,7 @@ from ..base.native import backend
 from ..base.typing import Mask
 from ..cameras.camera import inside_image
 from ..io.images import OPAQUE
-from ._array_types import CONVERSIONS, Conversion
+from ._array_types import CONVERSIONS, DtypeConversion
 from .interfaces import (
     INTERPOLATIONS,
     KERNELS,
@@ -73,7 +73,7 @@ of a mosaic.
 
 @dataclass(frozen=True)
 class Rule:
-    """Conversion of the side of a footprint to a number of samples."""
+    """DtypeConversion of the side of a footprint to a number of samples."""
 
     single_px: float
     """Maximum side with a single sample."""
@@ -832,7 +832,7 @@ def _remap_converted(
     interpolation: Interpolation,
     out: Image,
     border: Border,
-    conversion: Conversion,
+    conversion: DtypeConversion,
 ) -> Image:
     """Interpolate an image of a type that the samplers do not support."""
     values = np.array(border_values(border, image)) * conversion.scale + conversion.offset
