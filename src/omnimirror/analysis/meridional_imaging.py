@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import image_radius, number, row
 from ..base.errors import InvalidParameter
-from ..base.results import Result
+from ..base.results import FieldResult, Fields, column_fields
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.meridian import ChiefRays
@@ -205,7 +205,7 @@ def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike
 
 
 @dataclass(frozen=True)
-class SingleViewpoint(Result):
+class SingleViewpoint(FieldResult):
     """Best single viewpoint for one object distance, and its error."""
 
     z_mm: float
@@ -220,6 +220,10 @@ class SingleViewpoint(Result):
     """Signed image error (n,): radial position of an object relative to its predicted position."""
     error_deg: Array
     """Signed angular error (n,)."""
+
+    def _fields(self) -> Fields:
+        names = ("z_mm", "worst_px", "worst_deg")
+        return column_fields(self._table(), {name: getattr(self, name) for name in names})
 
 
 def best_viewpoint(
