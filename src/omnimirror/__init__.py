@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .apps.studio.pages import InteractiveView as InteractiveView
     from .apps.studio.pages import show as show
     from .base.errors import OmnimirrorError as OmnimirrorError
+    from .base.errors import OmnimirrorWarning as OmnimirrorWarning
     from .calibration.conversion import convert as convert
     from .calibration.estimation import Calibration as Calibration
     from .calibration.estimation import Observation as Observation
@@ -241,6 +242,7 @@ _HOMES = {
     "MirrorOutline": "calibration.rim",
     "load_ocam": "cameras.models",
     "OmnimirrorError": "base.errors",
+    "OmnimirrorWarning": "base.errors",
     "MirrorBall": "cameras.models",
     "OCam": "cameras.models",
     "RadialSpline": "cameras.models",

@@ -172,7 +172,7 @@ def residual_histograms(
         * (edges[1] - edges[0])
     )
     for ax, values, name in zip(both, residuals.T, "uv", strict=True):
-        ax.hist(np.clip(values, -limit, limit), edges, color=PALE)
+        ax.hist(np.clip(values, -limit, limit), edges.tolist(), color=PALE)
         ax.plot(x, normal, color=PALETTE[0])
         ax.set(xlabel=f"residual in {name} (px)", xlim=(-limit, limit))
         ax.text(
