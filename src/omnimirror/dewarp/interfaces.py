@@ -19,8 +19,8 @@ from ..base.caching import cached_property
 from ..base.native import backend
 
 Image: TypeAlias = NDArray[Any]
-"""Array (h, w) or (h, w, c), c from 1 to 4, of uint8, uint16 or float32, with any strides. Colours
-are RGB or RGBA.
+"""Array (h, w) or (h, w, c), c from 1 to 4, with any strides; samplers support uint8, uint16 and
+float32. Colours are RGB or RGBA.
 """
 Pixels: TypeAlias = NDArray[np.float32] | NDArray[np.float64]
 """Source coordinates (rows, columns, 2) as (u, v), px, with integers at pixel centres; NaN outside.
