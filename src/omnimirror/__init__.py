@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from .analysis.evaluation import evaluate as evaluate
     from .analysis.evaluation import field_angles as field_angles
     from .analysis.focus import best_focus as best_focus
+    from .analysis.focus import best_viewpoint as best_viewpoint
     from .analysis.ghost_images import ghosts as ghosts
-    from .analysis.meridional_imaging import best_viewpoint as best_viewpoint
     from .analysis.operating_conditions import at_temperature as at_temperature
     from .analysis.operating_conditions import at_wavelength as at_wavelength
     from .analysis.operating_conditions import thermal_motion_px as thermal_motion_px
@@ -187,7 +187,7 @@ __version__ = "0.2.0"
 
 _HOMES = {
     "best_focus": "analysis.focus",
-    "best_viewpoint": "analysis.meridional_imaging",
+    "best_viewpoint": "analysis.focus",
     "temperature_range": "design.requirement_check",
     "at_temperature": "analysis.operating_conditions",
     "at_wavelength": "analysis.operating_conditions",

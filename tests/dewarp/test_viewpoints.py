@@ -8,7 +8,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp._source_coordinates import source_pixels
 from omnimirror.dewarp.viewpoints import middle_distance, point_on_axis, single_viewpoint
 

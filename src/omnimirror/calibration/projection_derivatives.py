@@ -14,14 +14,13 @@ import numpy as np
 
 from ..base.errors import OmnimirrorError
 from ..base.typing import Array, Mask
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import rotate_vectors
 from ..cameras.models.camera_model import PointImages
 from ..optics.housing import Housing
 from ..optics.lenses import Perspective
-from ..optics.lenses.distortion import TERMS, distorted_rates
+from ..optics.lenses.lens import TERMS, distorted_rates
 from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror, SlopeSpline
-from ..optics.mirrors.as_built import MirrorPose
-from ..optics.mirrors.conics_and_aspheres import Conic
+from ..optics.mirrors.mirror import Conic, MirrorPose
 from ..optics.mirrors.splines import spline_of_slopes
 from ..optics.sensor import Sensor
 from ..optics.tracing.optical_train import CoveredMirror

@@ -14,13 +14,12 @@ from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
-from ..cameras.camera import AxialSymmetry, Projection, Rays
-from ..cameras.frames import Mount
+from ..cameras.camera import AxialSymmetry, Mount, Projection, Rays
 from ..cameras.models.camera_model import CameraModel, ModelParameter, PointImages
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors import Sphere
-from ..optics.mirrors.as_built import MirrorPose
+from ..optics.mirrors.mirror import MirrorPose
 from ..optics.sensor import Sensor, check_sensor
 from ._initial_sensor import (
     RIM_TO_DISTANCE,

@@ -16,7 +16,7 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import read_text
 from ..base.nonlinear_least_squares import damped_step, levenberg_marquardt
 from ..base.typing import Array, Mask
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import rotate_vectors
 from ..cameras.models.camera_model import CameraModel
 
 # -- CSV cells -------------------------------------------------------------------------------------

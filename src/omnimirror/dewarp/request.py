@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_fields, format_value, instance, parse_float
 from ..base.errors import InvalidParameter
-from ..cameras.camera import Camera
-from ..cameras.frames import Mount
+from ..cameras.camera import Camera, Mount
 from ..io import GPano
 from ..io.batch import VIDEO_SUFFIXES
 from ..io.image_sequences import is_sequence

@@ -29,7 +29,7 @@ from .screens import (
     View,
     parts_of,
 )
-from .screens._screen import NO_OFFSET, Offset
+from .screens._projections import NO_OFFSET, Offset
 
 __all__ = [
     "MAX_MAGNIFICATION",

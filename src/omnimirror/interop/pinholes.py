@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ..base.arguments import instance, integer, number
 from ..base.errors import OutsideField
 from ..base.typing import Array
-from ..cameras.camera import Camera
-from ..cameras.frames import view_axes
+from ..cameras.camera import Camera, view_axes
 from ..dewarp import Dewarper, views
 from ..dewarp.screens import Equirectangular, Plane, Screen
 from ..dewarp.viewpoints import Viewpoint, projection_of

@@ -15,7 +15,7 @@ from omnimirror.manufacturing.tolerancing.perturbed_states import is_vectorised
 from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS
 from omnimirror.optics.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.optics.image_sensor import ImagerPose
-from omnimirror.optics.mirrors.as_built import MirrorForm
+from omnimirror.optics.mirrors.mirror import MirrorForm
 from omnimirror.optics.tracing.reflection import RayEndpoints
 
 SPH = om.load_sensor("paper-spherical")

@@ -25,7 +25,7 @@ from ...base.arguments import (
 )
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...cameras.frames import Mount, rotate_vectors
+from ...cameras.camera import Mount, rotate_vectors
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.radial_model import RadialModel
 from ...cameras.models.sphere_models import Unified

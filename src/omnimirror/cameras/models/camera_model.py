@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.notebook_card import Line, card, field_range, line_drawing, origin
 from ...base.parameters import Uncertainty
 from ...base.typing import Array, Mask
-from ..camera import AxialSymmetry, Projection, Rays
-from ..frames import Mount
+from ..camera import AxialSymmetry, Mount, Projection, Rays
 
 # -- Base class --------------------------------------------------------------------------------------
 #

@@ -31,7 +31,7 @@ from ...base.errors import (
 from ...base.files import read_text
 from ...base.root_finding import increasing_root
 from ...base.typing import Array
-from ..frames import Mount
+from ..camera import Mount
 from ._distortion import MIN_RATE
 from .camera_model import Optics
 from .plausibility import inverse_polynomial_warnings, plausibility_warnings

@@ -24,8 +24,7 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
 from ...base.typing import Array, Mask
-from ..camera import AxialSymmetry, Projection, Rays, inside_image
-from ..frames import Mount, rotate_vectors
+from ..camera import AxialSymmetry, Mount, Projection, Rays, inside_image, rotate_vectors
 from ._distortion import (
     MAX_COEFFICIENT,
     DistortedPoints,

@@ -19,7 +19,7 @@ from ...base.errors import InvalidParameter, OmnimirrorError, SelfObstruction
 from ...base.typing import Array
 from ...optics.image_sensor import ImagerPose
 from ...optics.lenses import Perspective
-from ...optics.mirrors.as_built import MirrorPose
+from ...optics.mirrors.mirror import MirrorPose
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import RIM_SLACK, RayEndpoints
 from .perturbation import check_error_names, perturbed

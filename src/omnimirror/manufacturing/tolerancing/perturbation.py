@@ -1,7 +1,7 @@
 """Error sources of a sensor and sensors with these errors.
 
 Values are added to nominal parameters. Decentres and tilts of the mirror are those of
-:class:`omnimirror.optics.mirrors.as_built.MirrorPose`. Form errors are Noll Zernike terms over the disc of the
+:class:`omnimirror.optics.mirrors.mirror.MirrorPose`. Form errors are Noll Zernike terms over the disc of the
 rim, in um RMS along the axis. The imager rotates about its centre.
 """
 
@@ -18,8 +18,7 @@ from ...optics.housing import Housing
 from ...optics.image_sensor import Imager
 from ...optics.lenses import Perspective
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ...optics.mirrors.as_built import TERMS, MirrorForm
-from ...optics.mirrors.conics_and_aspheres import Conic, Sphere
+from ...optics.mirrors.mirror import TERMS, Conic, MirrorForm, Sphere
 from ...optics.sensor import Sensor
 
 GRADES = ("coarse", "medium", "fine")

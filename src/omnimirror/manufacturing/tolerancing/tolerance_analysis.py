@@ -12,8 +12,8 @@ import numpy as np
 from ...base.arguments import instance, integer, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result, record_of, table_of
-from ...design.evaluated_field import distances_mm
 from ...design.limits import Limit
+from ...design.requirement_check import distances_mm
 from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
 from .allocation import Allocation, allocate, check_target_yield

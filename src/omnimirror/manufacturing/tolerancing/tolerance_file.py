@@ -16,11 +16,11 @@ from ...base.errors import SpecError
 from ...base.escaping import line_comment
 from ...base.files import parse_json, parse_toml, read_text
 from ...base.project import schema_directive
+from ...base.toml_validation import SourceLocator, Table, check_entries, merge_tables, validated
 from ...design.limits import LIMITABLE
 from ...design.requirement_files import LimitTable, limit_of
-from ...optics.mirrors.as_built import MAX_ORDER, MirrorForm
+from ...optics.mirrors.mirror import MAX_ORDER, MirrorForm
 from ...optics.sensor import Sensor
-from ...optics.toml_validation import SourceLocator, Table, check_entries, merge_tables, validated
 from ..metrology.readers import Unit
 from .compensation import Calibration, merit_names
 from .evaluator import TrialEvaluator

@@ -12,7 +12,7 @@ from scipy.special import ndtr, ndtri
 from ...base.arguments import check_fields, choice, format_value, number
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...optics.mirrors.as_built import MirrorForm
+from ...optics.mirrors.mirror import MirrorForm
 from ...optics.sensor import Sensor
 from .perturbation import MEASURED, check_name, error_sources, measured
 
@@ -240,7 +240,7 @@ class Tolerances:
         Examples
         --------
         >>> import omnimirror as om
-        >>> forms = {"lathe": om.optics.mirrors.as_built.MirrorForm((5,), (0.3,))}
+        >>> forms = {"lathe": om.optics.mirrors.mirror.MirrorForm((5,), (0.3,))}
         >>> errors = {"mirror.measured[lathe]": Tolerance(1.0)}
         >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), errors, forms=forms)
         >>> tolerances.expand_forms({"mirror.measured[lathe]": np.array([2.0])})

@@ -294,7 +294,7 @@ def _imaged(
 
 
 def _distorted(tangents: Array, brown: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Apply the distortion of :mod:`omnimirror.optics.lenses.distortion` per trial; also return xx, xy,
+    """Apply the distortion of :mod:`omnimirror.optics.lenses.lens` per trial; also return xx, xy,
     yy.
     """
     x, y = tangents[..., 0], tangents[..., 1]

@@ -13,7 +13,7 @@ from ...base.native import backend, kernel_array
 from ...base.root_finding import NEWTON_TOLERANCE
 from ...base.typing import Array, Mask
 from ..mirrors import Mirror
-from ..mirrors.as_built import NO_FORM, MirrorForm, SurfaceHeights
+from ..mirrors.mirror import NO_FORM, MirrorForm, SurfaceHeights
 from ._ray_intersection import LIFT, hollowness, intersect
 from .meridian import trace_chief_rays
 
