@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .analysis.relative_illumination import illumination as illumination
     from .analysis.spot_diagrams import check_blur as check_blur
     from .analysis.spot_diagrams import spots as spots
+    from .apps import plot as plot
     from .apps.reports import write_demo as write_demo
     from .apps.reports.calibration import write_calibration_figures as write_calibration_figures
     from .apps.reports.calibration import write_calibration_report as write_calibration_report
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from .apps.studio.pages import InteractiveView as InteractiveView
     from .apps.studio.pages import show as show
     from .base.errors import OmnimirrorError as OmnimirrorError
+    from .base.errors import OmnimirrorWarning as OmnimirrorWarning
     from .calibration.conversion import convert as convert
     from .calibration.estimation import Calibration as Calibration
     from .calibration.estimation import Observation as Observation
@@ -112,6 +114,7 @@ if TYPE_CHECKING:
     from .dewarp.video_files import dewarp_video as dewarp_video
     from .dewarp.views import register_view as register_view
     from .interop import batch as batch
+    from .interop import torch as torch
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
     from .interop.file_schemas import schema as schema
@@ -239,6 +242,7 @@ _HOMES = {
     "MirrorOutline": "calibration.rim",
     "load_ocam": "cameras.models",
     "OmnimirrorError": "base.errors",
+    "OmnimirrorWarning": "base.errors",
     "MirrorBall": "cameras.models",
     "OCam": "cameras.models",
     "RadialSpline": "cameras.models",
@@ -359,8 +363,13 @@ _HOMES = {
     "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
-_MODULES = {"batch": "interop.batch", "mirrors": "optics.mirrors"}
-__all__ = ["__version__", "batch", *_HOMES]
+_MODULES = {
+    "batch": "interop.batch",
+    "mirrors": "optics.mirrors",
+    "plot": "apps.plot",
+    "torch": "interop.torch",
+}
+__all__ = ["__version__", "batch", "plot", "torch", *_HOMES]
 
 
 if not TYPE_CHECKING:  # type checkers see the names above and must reject all others

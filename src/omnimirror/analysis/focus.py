@@ -20,7 +20,7 @@ from ..base.arguments import choice, distances, image_radius, number, row
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.optimisation import minimise_with_derivative
-from ..base.results import Result
+from ..base.results import FieldResult, Fields, Result, column_fields
 from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, Lens
 from ..optics.sensor import Sensor, check_sensor
@@ -213,7 +213,7 @@ def viewpoint_angle_error(rays: ChiefRays, viewpoint: float, distance: ArrayLike
 
 
 @dataclass(frozen=True)
-class SingleViewpoint(Result):
+class SingleViewpoint(FieldResult):
     """Best single viewpoint for one object distance, and its error."""
 
     z_mm: float
@@ -228,6 +228,10 @@ class SingleViewpoint(Result):
     """Signed image error (n,): radial position of an object relative to its predicted position."""
     error_deg: Array
     """Signed angular error (n,)."""
+
+    def _fields(self) -> Fields:
+        names = ("z_mm", "worst_px", "worst_deg")
+        return column_fields(self._table(), {name: getattr(self, name) for name in names})
 
 
 def best_viewpoint(

@@ -143,7 +143,7 @@ def levenberg_marquardt(
     max_steps: int,
     relative_tolerance: float,
     exact_cost: float = 0.0,
-    on_progress: Callable[[float], None] | None = None,
+    on_step: Callable[[float], None] | None = None,
 ) -> State:
     """Minimise the cost of a state by damped Gauss-Newton steps.
 
@@ -163,7 +163,7 @@ def levenberg_marquardt(
         Relative decrease of the cost that ends the iteration.
     exact_cost
         Cost that ends the iteration.
-    on_progress
+    on_step
         Called with the cost after every successful step.
 
     Examples
@@ -196,8 +196,8 @@ def levenberg_marquardt(
         else:
             break
         state, damping = trial, max(damping / 5, MIN_DAMPING)
-        if on_progress is not None:
-            on_progress(state.cost)
+        if on_step is not None:
+            on_step(state.cost)
         if before - state.cost <= relative_tolerance * before or state.cost <= exact_cost:
             break
     return state

@@ -1,4 +1,4 @@
-"""Results: base classes with short ``repr``, data frames, and HTML cards for notebooks."""
+"""Results: base classes with short ``repr``, data frames, xarray data sets, and HTML cards."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import numpy as np
 from .errors import OmnimirrorError, extra_remedy
 from .escaping import html_text
 from .files import write_json, write_text
+from .quantities import QUANTITIES
 from .typing import Array
 
 # -- Notebook cards --------------------------------------------------------------------------------
@@ -384,6 +385,87 @@ class Result:
         return (
             f"<div>{card(type(self).__name__, '', '', facts, '')}{_html_table(self._table())}</div>"
         )
+
+
+class Fields(NamedTuple):
+    """Fields of a result over its coordinates, each with the names of its dimensions."""
+
+    variables: Mapping[str, tuple[tuple[str, ...], Any]]
+    coordinates: Mapping[str, tuple[tuple[str, ...], Any]]
+    attributes: Mapping[str, Any]
+
+
+def column_fields(
+    columns: Mapping[str, Any], attributes: Mapping[str, Any], *more_coordinates: str
+) -> Fields:
+    """Return columns (n,) as fields over the first of them.
+
+    >>> fields = column_fields({"omega_deg": [0, 90], "h_px": [0, 200]}, {"kind": "geometric"})
+    >>> fields.variables, fields.coordinates
+    ({'h_px': (('omega_deg',), [0, 200])}, {'omega_deg': (('omega_deg',), [0, 90])})
+    """
+    dimension = (next(iter(columns)),)
+    variables = {name: (dimension, column) for name, column in columns.items()}
+    coordinates = {name: variables.pop(name) for name in dimension + more_coordinates}
+    return Fields(variables, coordinates, attributes)
+
+
+class FieldResult(Result, ABC):
+    """Result that consists of fields over coordinates: field angle, distance, frequency, ..."""
+
+    @abstractmethod
+    def _fields(self) -> Fields:
+        """Return the fields, with quantity names as keys."""
+
+    def to_xarray(self) -> Any:
+        """Convert to an xarray data set over the coordinates of the result.
+
+        Results at several object distances are joined by ``xarray.concat``.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables with the attributes ``units`` and ``long_name``.
+
+        Raises
+        ------
+        OmnimirrorError
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> sensor = om.load_sensor("paper-spherical")
+        >>> om.spots(sensor, [45.0, 90.0], focus_mm=[200.0, 300.0, 400.0]).to_xarray().rms_t_px.dims
+        ('omega_deg', 'focus_mm')
+
+        Blur over field angle and object distance:
+
+        >>> import xarray
+        >>> results = [om.evaluate(sensor, [0.0, 90.0], object_distance_mm=p) for p in (300.0, 900.0)]
+        >>> blur = xarray.concat([r.to_xarray() for r in results], "object_distance_mm").blur_t_px
+        >>> dict(blur.sizes), blur.attrs["units"]
+        ({'object_distance_mm': 2, 'omega_deg': 2}, 'px')
+        """
+        try:
+            xarray = import_module("xarray")
+        except ImportError:
+            raise OmnimirrorError(f"data sets require xarray: {extra_remedy('tables')}") from None
+        variables, coordinates, attributes = self._fields()
+        return xarray.Dataset(
+            {name: (*field, _quantity_attributes(name)) for name, field in variables.items()},
+            {name: (*field, _quantity_attributes(name)) for name, field in coordinates.items()},
+            {name: value for name, value in attributes.items() if value is not None},
+        )
+
+
+def _quantity_attributes(name: str) -> dict[str, str]:
+    """Return unit and title of a quantity in the conventions of xarray."""
+    if name not in QUANTITIES:
+        return {}
+    quantity = QUANTITIES[name]
+    attributes = {"units": quantity.unit, "long_name": quantity.title}
+    return {key: text for key, text in attributes.items() if text}
 
 
 class TabularResult(Result, ABC):

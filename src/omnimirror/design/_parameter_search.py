@@ -20,7 +20,7 @@ from ._candidates import Candidate, Focusing, focusing, make, mapping_deviation_
 from ._design_problem import OF_LENS
 from ._design_space import (
     BestDesign,
-    OnProgress,
+    OnStep,
     Point,
     Reached,
     is_more_met,
@@ -698,7 +698,7 @@ class RangeSearch:
 
 
 def solve(
-    requirements: Requirements, on_progress: OnProgress = lambda message: None
+    requirements: Requirements, on_step: OnStep = lambda message: None
 ) -> tuple[ParameterSpace, BestDesign]:
     """Return the best candidate and its design space.
 
@@ -709,11 +709,11 @@ def solve(
     """
     search = RangeSearch(requirements)
     if search.free:
-        on_progress(f"choosing {', '.join(search.free)}")
+        on_step(f"choosing {', '.join(search.free)}")
     result = search.best()
     space = search.space(result)
     best = _design(search, space, result.made)
-    for point in meet_other_requirements(space, best.point, best.verdict, on_progress):
+    for point in meet_other_requirements(space, best.point, best.verdict, on_step):
         try:
             other = _design(search, space, make(space.settled_at(point)))
         except OmnimirrorError:

@@ -4,6 +4,7 @@ worker processes."""
 from __future__ import annotations
 
 import json
+import logging
 import threading
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
@@ -647,7 +648,8 @@ def test_progress_is_reported(client, monkeypatch):
     is_started, is_released = threading.Event(), threading.Event()
 
     def slowly(sensor, folder, on_progress):
-        on_progress("Rendering the image", 0.25)
+        logging.getLogger("omnimirror.apps.reports").info("Rendering the image")
+        on_progress(25, 100)
         is_started.set()
         assert is_released.wait(60)
         (path := Path(folder) / "report.html").write_text("made")

@@ -389,7 +389,7 @@ def test_cancellation_keeps_partial_result():
     calibration = calibrated(
         detections(),
         should_stop=lambda: len(calls) > 2,
-        on_progress=lambda stage, share: calls.append(share),
+        on_progress=lambda done, total: calls.append(done / total),
     )
     assert not calibration.is_complete
     assert calibration.rms_px < 1.0

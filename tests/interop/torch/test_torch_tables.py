@@ -208,7 +208,7 @@ def test_non_finite_targets_are_not_settled(kernels):
 def test_missing_pytorch_raises_with_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.setattr(_factory, "torch", type(_library.torch)())
-    with pytest.raises(OmnimirrorError, match=r"require PyTorch.*pip install '\.\[torch\]'"):
+    with pytest.raises(OmnimirrorError, match=r"requires PyTorch.*pip install '\.\[torch\]'"):
         differentiable(om.load_sensor("paper-spherical"))
 
 

@@ -52,6 +52,11 @@ def mapping(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> 
     return _column_panels(subjects, axes, "h_px", "dh_domega_px_per_deg")
 
 
+def image_height(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
+    """Draw the image height, the first panel of Fig. 5."""
+    return _column_panels(subjects, axes, "h_px")
+
+
 def viewpoints(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 6: intersections of the chief rays with the axis."""
     return _column_panels(subjects, axes, "viewpoint_z_mm")
@@ -151,6 +156,17 @@ def blur(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Fig
         angle_axis(panel_axes[i], widest(subjects))
         obscured_bands(panel_axes[i], subjects)
         panel_axes[i].set_xlabel("" if i < 2 else panel_axes[i].get_xlabel())
+    return labels.settle()
+
+
+def blur_in_pixels(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
+    """Draw the blur in pixels, the first panel of Fig. 9."""
+    figure, (ax,) = panels((COLUMN, 2.5), (1, 1), 1, axes)
+    labels = EndLabels(figure, follows_layout=axes is None)
+    _blur_panel(ax, subjects, "px", labels)
+    panel_title(ax, 0, f"Blur in the image{subjects[0].objects}", 1)
+    angle_axis(ax, widest(subjects))
+    obscured_bands(ax, subjects)
     return labels.settle()
 
 

@@ -254,10 +254,10 @@ class OptimisationOptions(Options):
     population: int = setting("search", 120)
     generations: int = setting("search", 200)
 
-    def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:
+    def search(self, on_iteration: Callable[[Progress], None]) -> SearchOptions:
         """Return the settings for the optimisation of one mirror."""
         return SearchOptions(
-            self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px
+            self.starts, self.seed, self.resume, on_iteration, self.mode, self.image_radius_px
         )
 
 

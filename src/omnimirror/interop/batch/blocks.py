@@ -337,7 +337,7 @@ class _Context:
             ahead = min(ahead, 1)  # images of an array share a slab
         if not ahead:
             for item in items:
-                yield item, lambda each=item: self.reader.data(each.source)  # type: ignore[misc]
+                yield item, lambda each=item: self.reader.data(each.source)  # type: ignore[misc]  # lambda with defaults
             return
         with ThreadPoolExecutor(ahead) as pool:
             reads: deque[Future[Any]] = deque()

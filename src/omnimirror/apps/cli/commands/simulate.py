@@ -257,9 +257,9 @@ def _render_video(
     done = 0
     with count_bar("Rendering frames") as progress:
 
-        def on_frame(frame: Any, total: int) -> None:
+        def on_progress(count: int, total: int) -> None:
             nonlocal done
-            done = frame.number + 1
+            done = count
             progress(done, total)
 
         try:
@@ -276,7 +276,7 @@ def _render_video(
                 radiometry=rendering.radiometry(),
                 detector=rendering.detector(),
                 seed=rendering.seed,
-                on_frame=on_frame,
+                on_progress=on_progress,
             )
         except KeyboardInterrupt:
             _report_interruption(output, done, "frames")
