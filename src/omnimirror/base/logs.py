@@ -29,7 +29,7 @@ class _Forwarder(logging.Handler):
 
 @contextmanager
 def forwarded_steps(function: Callable[[str], None], name: str = "omnimirror") -> Iterator[None]:
-    """Pass the steps that a logger reports in this thread to a function.
+    """Forward the steps that a logger reports in this thread to a function.
 
     Parameters
     ----------
