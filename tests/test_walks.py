@@ -229,7 +229,8 @@ def entered(walk: Callable[[], None]) -> list[str]:
 
     def note(frame: FrameType, event: str, _: object) -> None:
         name = frame.f_globals.get("__name__", "")
-        if event == "call" and name.startswith("omnimirror."):
+        is_written = not frame.f_code.co_filename.startswith("<")  # methods of dataclasses are not
+        if event == "call" and is_written and name.startswith("omnimirror."):
             short = name.removeprefix("omnimirror.")
             if not order or order[-1] != short:
                 order.append(short)

@@ -15,7 +15,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.apps.reproduction import draw_figures
-from omnimirror.base.logs import forwarded_steps
+from omnimirror.base.logs import forward_steps
 
 SOURCES = sorted(Path(om.__file__).parent.rglob("*.py"))
 CALLBACKS = re.compile(
@@ -39,6 +39,7 @@ LONG_FUNCTIONS = {
     "reproduce_paper",
     "select_frames",
     "tolerance",
+    "write_calibration_dataset",
     "write_colmap",
     "write_demo",
     "write_training_dataset",
@@ -144,7 +145,7 @@ def test_loggers_are_named_after_modules():
 
 def test_steps_are_logged_with_progress(tmp_path, caplog):
     updates, steps = [], []
-    with forwarded_steps(steps.append):
+    with forward_steps(steps.append):
         names = ["fig6", "fig5"]
         draw_figures(tmp_path, names, ["svg"], on_progress=lambda *n: updates.append(n))
     assert steps == names
@@ -161,7 +162,7 @@ def test_design_reports_steps():
         lens=om.LensRequirements(theta_max_deg=(10, 12)),
     )
     updates, steps = [], []
-    with forwarded_steps(steps.append, "omnimirror.design"):
+    with forward_steps(steps.append, "omnimirror.design"):
         om.design_sensor(requirements, on_progress=lambda *n: updates.append(n))
     assert updates == [(i + 1, None) for i in range(len(steps))]
     assert steps

@@ -148,7 +148,7 @@ def _temporary_folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("thing", "method"),
+    ("owner", "method"),
     few(CASES, *(case for case in CASES if case[0] not in ("hall", "street"))),
     ids=[" ".join(case) for case in CASES],
 )

@@ -385,8 +385,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Street": (om.Street, {"texel_mm": 80.0}),
     "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
     "write_calibration_dataset": (
-        lambda folder, **arguments: list(
-            om.write_calibration_dataset(om.CalibrationRecipe(**arguments), folder)
+        lambda folder, **arguments: om.write_calibration_dataset(
+            om.CalibrationRecipe(**arguments), folder
         ),
         {
             "folder": "set",

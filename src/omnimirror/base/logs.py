@@ -28,7 +28,7 @@ class _Forwarder(logging.Handler):
 
 
 @contextmanager
-def forwarded_steps(function: Callable[[str], None], name: str = "omnimirror") -> Iterator[None]:
+def forward_steps(function: Callable[[str], None], name: str = "omnimirror") -> Iterator[None]:
     """Forward the steps that a logger reports in this thread to a function.
 
     Parameters
@@ -40,7 +40,7 @@ def forwarded_steps(function: Callable[[str], None], name: str = "omnimirror") -
 
     Examples
     --------
-    >>> with forwarded_steps(print, "omnimirror.example"):
+    >>> with forward_steps(print, "omnimirror.example"):
     ...     logging.getLogger("omnimirror.example").info("start %d of %d", 1, 4)
     start 1 of 4
     """

@@ -174,7 +174,7 @@ def with_prescribed_projection(
     if rim_is_known:
         x, slope = x[x <= mirror.rim_radius_mm], slope[x <= mirror.rim_radius_mm]
     else:
-        mirror = replace(mirror, rim_radius_mm=float(x[-1]))  # type: ignore[type-var]
+        mirror = replace(mirror, rim_radius_mm=float(x[-1]))  # type: ignore[type-var]  # every mirror is a dataclass
     if isinstance(mirror, SlopeSpline):
         at = np.linspace(0.0, mirror.rim_radius_mm, len(mirror.slopes))
         return replace(

@@ -102,7 +102,7 @@ def flipped(camera: Model) -> Model:
         signs = np.array([-1.0 if name in SIGN_CHANGING else 1.0 for name in uncertainty.names])
         matrix = np.array(uncertainty.covariance) * np.outer(signs, signs)
         changes["uncertainty"] = replace(uncertainty, covariance=tuple(map(tuple, matrix.tolist())))
-    return replace(model, **changes)  # type: ignore[no-any-return]
+    return replace(model, **changes)  # type: ignore[no-any-return]  # changes has any values
 
 
 # -- Conversion between file formats ---------------------------------------------------------------
@@ -268,6 +268,7 @@ def convert(
     >>> exact.exact, fitted.exact, fitted.largest_px < 0.5
     (True, False, True)
     """
+    # More than 60 lines: 14 parameters to check; the steps are functions.
     target = file_name("target", target)
     instance("flip", flip, bool, "true or false")
     reading = _read_options(source, optics, mount, rim_radius_px, image_size)

@@ -328,17 +328,17 @@ class SensorModel(CameraModel):
     # -- camera interface ------------------------------------------------------------------------
 
     @property
-    def image_size(self) -> tuple[int, int]:  # type: ignore[override]
+    def image_size(self) -> tuple[int, int]:  # type: ignore[override]  # a property replaces the field
         """Image size (width, height) in pixels."""
         return self.sensor.image_size
 
     @property
-    def mount(self) -> Mount:  # type: ignore[override]
+    def mount(self) -> Mount:  # type: ignore[override]  # a property replaces the field
         """Orientation of the camera."""
         return self.sensor.mount
 
     @property
-    def uncertainty(self) -> Uncertainty | None:  # type: ignore[override]
+    def uncertainty(self) -> Uncertainty | None:  # type: ignore[override]  # a property replaces the field
         """Covariance of the parameters estimated by a calibration."""
         return self.sensor.uncertainty
 

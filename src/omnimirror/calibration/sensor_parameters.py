@@ -380,7 +380,7 @@ def _parameter_derivatives(mirror: Mirror, x: Array, location: ParameterLocation
         try:
             perturbed_mirror: Mirror = replace(
                 mirror, **location.change(mirror, value + sign * step)
-            )  # type: ignore[type-var]
+            )  # type: ignore[type-var]  # every mirror is a dataclass
             samples.append((sign, np.stack(perturbed_mirror.profile(x))))
         except OmnimirrorError:  # at the limit of its range: one-sided difference
             samples.append((0.0, np.stack(mirror.profile(x))))

@@ -260,7 +260,7 @@ class Focusing:
                 return built_optics(x, z, slope, curvature, over_x, aim, near, walls)
             if self._is_telecentric:
                 return telecentric_optics(x, z, slope, curvature, over_x, near)
-            return node_optics(x, z, slope, curvature, over_x, sensor.mirror_distance_mm, near)  # type: ignore[arg-type]
+            return node_optics(x, z, slope, curvature, over_x, sensor.mirror_distance_mm, near)  # type: ignore[arg-type]  # only None if telecentric
 
     @cached_property
     def _fields(self) -> dict[tuple[float, float] | None, MirrorPointOptics]:

@@ -13,9 +13,17 @@ from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, OutsideField
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
-from ._array_types import SupportsArray, TensorT, apply_to_images
 from ._source_coordinates import is_separable, lattice_map_of, polar_map_of, source_pixels
-from .interfaces import INTERPOLATIONS, Border, Image, Interpolation, Map
+from .interfaces import (
+    INTERPOLATIONS,
+    Border,
+    Image,
+    Interpolation,
+    Map,
+    SupportsArray,
+    TensorT,
+    apply_to_images,
+)
 from .maps import PixelMap, Rectangle
 from .sampling import (
     border_values,

@@ -33,13 +33,14 @@ from ..base.native import backend
 from ..base.typing import Mask
 from ..cameras.camera import inside_image
 from ..io.images import OPAQUE
-from ._array_types import CONVERSIONS, DtypeConversion
 from .interfaces import (
+    CONVERSIONS,
     INTERPOLATIONS,
     KERNELS,
     Annulus,
     Averages,
     Border,
+    DtypeConversion,
     Image,
     Interpolation,
     Map,

@@ -159,6 +159,7 @@ def render_light(
     """Return the converted light, (rows, columns, 3); parameters as in
     :func:`expose`.
     """
+    # More than 60 lines: 11 parameters, and a choice between three renderers.
     instance("camera", camera, Camera, "a camera, for example from om.load_sensor")
     instance("scene", scene, Scene, "a scene, for example om.Room()")
     _check_size(camera)

@@ -97,7 +97,7 @@ def test_unwritable_folder_prints_one_line(tmp_path):
 
 @pytest.mark.full
 def test_obscuration_and_progress_are_reported(tmp_path, monkeypatch):
-    from omnimirror.base.logs import forwarded_steps
+    from omnimirror.base.logs import forward_steps
     from omnimirror.optics.housing import CameraBody, Housing
 
     monkeypatch.setattr(report, "FIGURES_SHOWN", report.FIGURES_SHOWN[3:])
@@ -107,7 +107,7 @@ def test_obscuration_and_progress_are_reported(tmp_path, monkeypatch):
     )
     progress_calls = []
     steps = []
-    with forwarded_steps(steps.append):
+    with forward_steps(steps.append):
         page = write_demo(
             replace(small, housing=Housing(CameraBody(60.0))),
             tmp_path,

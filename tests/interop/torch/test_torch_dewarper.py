@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.sampling import sample_positions
-from tests.dewarp.test_array_types import CAMERA, PANORAMA, RANGES, VIEW, image_of
+from tests.dewarp.test_interfaces import CAMERA, PANORAMA, RANGES, VIEW, image_of
 
 torch = pytest.importorskip("torch", reason="PyTorch is an optional dependency")
 DEVICES = [

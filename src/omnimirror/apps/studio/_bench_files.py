@@ -15,7 +15,7 @@ import tomli_w
 from ...analysis.evaluation import evaluate
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import parse_toml
-from ...base.logs import forwarded_steps
+from ...base.logs import forward_steps
 from ...base.toml_validation import SourceLocator
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
@@ -165,7 +165,7 @@ def _report(sensor: Sensor, on_progress: Callable[[str, float], None]) -> File:
         def report(done: int, total: int | None) -> None:
             on_progress(step, done / (total or 1))
 
-        with forwarded_steps(on_step):
+        with forward_steps(on_step):
             data = write_demo(sensor, folder, on_progress=report).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
@@ -239,4 +239,4 @@ def coarser(sensor: Sensor, max_side_px: int) -> Sensor:
     share = max_side_px / max(i.size)
     centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
     width, height = (max(1, round(side * share)) for side in i.size)
-    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]
+    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]  # a tuple of two

@@ -15,7 +15,7 @@ from typing import TextIO
 import numpy as np
 
 from ...base.errors import OmnimirrorError
-from ...base.logs import forwarded_steps
+from ...base.logs import forward_steps
 from ...calibration.estimation import Calibration, calibrate_camera
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
@@ -108,7 +108,7 @@ def _calibrated(
         fraction = done / (total or 1)
         on_progress(CalibrationStatus(state="running", message=status, fraction=fraction))
 
-    with forwarded_steps(on_step, "omnimirror.calibration"):
+    with forward_steps(on_step, "omnimirror.calibration"):
         return calibrate_camera(
             detections,
             board,
@@ -179,7 +179,7 @@ def result_message(calibration: Calibration) -> CalibrationResult:
             for s in fit.observations
             if s.name in used
         ),
-        camera_file=format_camera(calibration.camera, calibration.summary),  # type: ignore[arg-type]
+        camera_file=format_camera(calibration.camera, calibration.summary),  # type: ignore[arg-type]  # a calibrated camera has a file format
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.errors import InvalidParameter, OmnimirrorError
-from ...base.logs import forwarded_steps
+from ...base.logs import forward_steps
 from ...design.designer import SearchOptions, design_sensor
 from ...design.optimiser import Progress
 from ...design.requirement_files import requirements_like
@@ -101,7 +101,7 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
             "requirements; add [mirror] to the requirement file"
         )
     requested = requirements_for(task.requirements, aligned_sensor(sensor))
-    with forwarded_steps(lambda step: on_progress(_news("running", step)), "omnimirror.design"):
+    with forward_steps(lambda step: on_progress(_news("running", step)), "omnimirror.design"):
         solution = design_sensor(requested)
     missed = [row.label for row in solution.rows if not row.is_met]
     message = (

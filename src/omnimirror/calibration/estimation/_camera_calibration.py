@@ -288,6 +288,7 @@ def calibrate_camera(
     >>> round(found.rms_px, 2), all(p.used for p in found.images)
     (0.14, True)
     """
+    # More than 60 lines: 18 parameters to check and pass on; the steps are functions.
     started = time.perf_counter()
     choice("optics", optics, ("mirror", "fisheye"))
     if isinstance(model, Sensor):

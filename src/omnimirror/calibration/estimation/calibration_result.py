@@ -236,7 +236,7 @@ class Calibration(Result):
         OmnimirrorError
             If the file cannot be written.
         """
-        save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]
+        save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]  # a calibrated camera has a file format
 
     @property
     def measurement_kinds(self) -> str:

@@ -335,7 +335,7 @@ def parse_job(
         raise where.error((), "the table output is missing; it requires url")
     folder = folder or Path()
     views = {
-        name: where.wrap(("view", name), lambda n=name, t=table: _view(n, t))  # type: ignore[misc]
+        name: where.wrap(("view", name), lambda n=name, t=table: _view(n, t))  # type: ignore[misc]  # lambda with defaults
         for name, table in data.get("view", {}).items()
     }
     rules = [
@@ -343,7 +343,7 @@ def parse_job(
         for number, table in enumerate(data.get("sensor", []))
     ]
     sensors = tuple(
-        where.wrap((f"sensor.{number}",), lambda r=rule: _assigned(r, folder))  # type: ignore[misc]
+        where.wrap((f"sensor.{number}",), lambda r=rule: _assigned(r, folder))  # type: ignore[misc]  # lambda with defaults
         for number, rule in enumerate(rules)
     )
     job = BatchJob(folder, sensors=sensors, views=views, storage=data.get("storage", {}), **tables)

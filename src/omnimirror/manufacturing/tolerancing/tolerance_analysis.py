@@ -202,6 +202,7 @@ def tolerance(
     >>> report.statistics.yields.value
     1.0
     """
+    # More than 60 lines: one call for each part of the report, with up to 7 arguments.
     seed = integer("seed", seed)
     if isinstance(plan, Tolerances):
         plan = TolerancePlan(plan)

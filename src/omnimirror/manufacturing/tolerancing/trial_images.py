@@ -6,7 +6,7 @@ after the other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -545,7 +545,12 @@ def _tilt_blur(sensor: Sensor, flat_mm: Array, to_pupils: Array) -> Array:
     return added
 
 
-def _focused(built: Sensor, imaged: object, is_lost: NDArray[np.bool_], refocus: Refocus) -> Sensor:
+def _focused(
+    built: Sensor,
+    imaged: Callable[[Sensor], tuple[Array, Array]],
+    is_lost: NDArray[np.bool_],
+    refocus: Refocus,
+) -> Sensor:
     """Return the sensor at best focus; blur divided by image scale is linear in the focus
     coordinate.
     """
@@ -555,7 +560,7 @@ def _focused(built: Sensor, imaged: object, is_lost: NDArray[np.bool_], refocus:
     parts = []
     for coordinate in (here, near):
         at = built.with_lens(lens.focused_at(float(lens.distance_of(coordinate))))
-        parts.append(imaged(at)[1][~is_lost] / lens.through_focus(coordinate).image_scale)  # type: ignore[operator]
+        parts.append(imaged(at)[1][~is_lost] / lens.through_focus(coordinate).image_scale)
     widen = (parts[1] - parts[0]) / (near - here)
     spread = here * widen - parts[0]
     best = float(focus_vergences(widen[None], spread[None], refocus)[0])

@@ -20,7 +20,7 @@ from ....base.arguments import format_value, parse_float
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
 from ....base.files import is_stream
-from ....base.logs import OnProgress, forwarded_steps
+from ....base.logs import OnProgress, forward_steps
 from ....calibration.estimation import (
     Calibration,
     Prior,
@@ -361,7 +361,7 @@ def _steps(console: Console) -> Iterator[OnProgress]:
     """Show a progress bar with the current step and percentage, and yield its update function."""
     with progress_bar(console) as bar:
         task = bar.add_task("Calibrating", total=None)
-        with forwarded_steps(lambda step: bar.update(task, description=step)):
+        with forward_steps(lambda step: bar.update(task, description=step)):
             yield lambda done, total: bar.update(task, completed=done, total=total)
 
 

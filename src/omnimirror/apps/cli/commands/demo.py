@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ....base.logs import forwarded_steps
+from ....base.logs import forward_steps
 from ....optics.sensor_files import load_sensor
 from .._declarations import SENSOR, DocumentedCommand
 from .._output import output_console, print_line
@@ -46,7 +46,7 @@ def command(sensor: str, folder: Path, blur: bool) -> None:
         nonlocal step
         step = name
 
-    with console.status(step) as status, forwarded_steps(on_step):
+    with console.status(step) as status, forward_steps(on_step):
         report = write_demo(
             load_sensor(sensor),
             folder,

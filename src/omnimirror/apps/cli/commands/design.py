@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ....base.files import write_json
-from ....base.logs import forwarded_steps
+from ....base.logs import forward_steps
 from ....base.quantities import QUANTITIES
 from ....design.catalogue import Component
 from ....design.designer import Design, design_sensor
@@ -76,7 +76,7 @@ def design_with_catalogue(
     """Design with off-the-shelf parts, print the result, write the cheapest design, and exit."""
     with (
         console.status("Designing") as status,
-        forwarded_steps(lambda step: status.update(f"Designing: {step}"), "omnimirror.design"),
+        forward_steps(lambda step: status.update(f"Designing: {step}"), "omnimirror.design"),
     ):
         search = design_from_parts(
             requirements,
@@ -302,6 +302,7 @@ def command(
 
     For infeasible requirements, the necessary relaxations are printed, and the exit code is 3.
     """
+    # More than 60 lines: the options of the command and its dispatch by request.
     if merits:
         options = replace(options, optimise=merits[0])
     loaded = options.requirements(requirements, changes)
@@ -337,7 +338,7 @@ def command(
     else:
         with (
             console.status("Designing") as status,
-            forwarded_steps(lambda step: status.update(f"Designing: {step}"), "omnimirror.design"),
+            forward_steps(lambda step: status.update(f"Designing: {step}"), "omnimirror.design"),
         ):
             design = design_sensor(
                 loaded,
@@ -411,7 +412,7 @@ def _optimised(
                     description=f"{requirements.mirror.optimise} {p.value:.5g}",
                 )
 
-            with forwarded_steps(
+            with forward_steps(
                 lambda step: bar.update(task, description=step), "omnimirror.design"
             ):
                 designs[count] = design_sensor(

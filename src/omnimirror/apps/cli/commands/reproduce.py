@@ -58,13 +58,13 @@ def command(
     The exit code is 1 if a verdict differs from the known one.
     """
     from ....base.errors import ReproductionError
-    from ....base.logs import forwarded_steps
+    from ....base.logs import forward_steps
     from ...reproduction import _claims, reproduce_paper
 
     console = output_console()
     with (
         console.status("Computing") as status,
-        forwarded_steps(lambda step: status.update(f"Computing {step}")),
+        forward_steps(lambda step: status.update(f"Computing {step}")),
     ):
         result = reproduce_paper(
             folder,

@@ -177,6 +177,7 @@ def command(
 
     omnimirror tolerance init SENSOR writes a commented tolerance file.
     """
+    # More than 60 lines: the options of the command, then one call each of analysis, report and output.
     if sensor == INIT:
         return _init(tolerances, grade, out)
     if tolerances is None:
