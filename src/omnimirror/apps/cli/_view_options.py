@@ -37,7 +37,7 @@ from ._declarations import (
 )
 
 if TYPE_CHECKING:
-    from ...optics.sensor_files import AnyCamera
+    from ...optics.camera_files import AnyCamera
 
 
 # -- View ------------------------------------------------------------------------------------------

@@ -16,8 +16,8 @@ from ...base.parameters import Uncertainty
 from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
 from ...cameras.models.camera_model import CameraModel, RadialModel, direction_sigma_deg
+from ...optics.camera_files import save_camera
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import save_camera
 from .._initial_sensor import without_fold
 from ..sensor_model import SensorModel
 from ..uncertainty import measured_field_deg
