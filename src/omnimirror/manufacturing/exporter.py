@@ -157,6 +157,7 @@ def export(
     workshop: Workshop | None = None,
     allow_changes: bool = False,
     requirements: Requirements | str | Path | None = None,
+    on_progress: Callable[[str, float], None] | None = None,
 ) -> list[ExportedFile]:
     """Export CAD files, lens files, tables and the drawing of a sensor: all files or none.
 
@@ -195,6 +196,8 @@ def export(
     requirements : optional
         Requirements to check. If bodies or housing change the sensor, the error lists the entries
         whose margin changes or fails.
+    on_progress : optional
+        Called before each file with its name and the fraction of completed files.
 
     Returns
     -------
@@ -260,10 +263,11 @@ def export(
     plan = replace(plan, writes_table="csv" in names)
     with TemporaryDirectory() as folder, ExitStack() as stack:
         temporary = {target: Path(folder) / _plain(target.name) for target in targets}
-        written = [
-            ExportedFile(target, *_write(plan, *what, temporary[target], target))
-            for target, what in targets.items()
-        ]
+        written = []
+        for target, what in targets.items():
+            if on_progress is not None:
+                on_progress(target.name, len(written) / len(targets))
+            written.append(ExportedFile(target, *_write(plan, *what, temporary[target], target)))
         for target, file in temporary.items():
             copyfile(file, stack.enter_context(atomic_output(target)))
     return written
@@ -333,9 +337,14 @@ def _marked(plan: Plan, name: str) -> list[tuple[str, Part, int]]:
     return marked[:1] if kind.shows_sensor else marked
 
 
+def missing_packages(names: Iterable[str]) -> dict[str, list[str]]:
+    """Return the required packages of formats that are not installed."""
+    return {name: [p for p in FORMATS[name].packages if not _is_installed(p)] for name in names}
+
+
 def _check_packages(names: list[str]) -> None:
     """Raise an error if a format requires a package that is not installed."""
-    lacking = {name: [p for p in FORMATS[name].packages if not _is_installed(p)] for name in names}
+    lacking = missing_packages(names)
     missing = sorted({package for packages in lacking.values() for package in packages})
     if not missing:
         return

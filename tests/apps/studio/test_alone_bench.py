@@ -206,7 +206,7 @@ def test_slider_pin_and_best_focus_without_server(browser, address):
     page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
     for name in (
         "Calibrate",
-        "Download",
+        "Export…",
         "Use as camera",
         "Open sensor…",
         "Optimise",

@@ -33,12 +33,13 @@ from websockets.sync.client import connect
 
 import omnimirror as om
 from omnimirror.apps.studio import _server_state, _uploads
-from omnimirror.apps.studio._bench_files import coarser
+from omnimirror.apps.studio._bench_files import coarser, sensor_report
+from omnimirror.apps.studio._bench_sensors import sensor_on_bench
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio._server_state import Sources, Studio
 from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.bench_messages import SearchTask
-from omnimirror.base.errors import MediaError
+from omnimirror.base.errors import InvalidParameter, MediaError
 from omnimirror.interop.http_server import limits, server
 from omnimirror.interop.http_server.auth import (
     AccessGuard,
@@ -560,10 +561,8 @@ def test_image_size_of_page_limits_memory(size, client):
             response.status_code,
             "must have at most 16 million pixels" in response.json()["detail"],
         ) == (400, True)
-    report = client.post(
-        "/api/bench/file", json={"tables": tables, "kind": "report", "object_distance_mm": None}
-    )
-    assert (report.status_code, f"{width} x {height} px" in report.json()["detail"]) == (400, True)
+    with pytest.raises(InvalidParameter, match=f"{width} x {height} px"):
+        sensor_report(sensor_on_bench(tables), lambda step, fraction: None)
     small = coarser(om.load_sensor("paper-spherical"), 64)
     assert max(coarser(replace(small, imager=Imager(*size, 1.0)), 64).imager.size) == 64
 

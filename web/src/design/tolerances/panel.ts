@@ -5,6 +5,7 @@ import type {
   ErrorSourceInfo,
   ErrorSourcesRequest,
   ErrorSourceList,
+  TolerancePlanMessage,
   YieldRequest,
   YieldResult,
 } from "../../shared/messages";
@@ -175,6 +176,18 @@ export class TolerancesPanel {
     if (!settings === this.isOpen) this.toggle();
     else if (this.all) this.known(this.all, { tables: this.tables! });
     return true;
+  }
+
+  /** Tolerances with the limit of the yield; null if the panel is closed or has no limit. */
+  get plan(): TolerancePlanMessage | null {
+    const limit = Number(this.limit.value);
+    if (!this.isOpen || !this.tables || !(limit > 0)) return null;
+    const errors = [...this.tolerances]
+      .filter(([, tolerance]) => tolerance > 0)
+      .map(([name, tolerance]) => ({ name, tolerance }));
+    const quantity = this.quantity.input.value;
+    const merit = meritName(quantity, quantity === "blur_px" ? "none" : this.after.input.value);
+    return { errors, refocus: this.refocus, merit, limit };
   }
 
   /** Errors as text for the address. */
@@ -350,22 +363,8 @@ export class TolerancesPanel {
 
   private askYield(): void {
     this.callbacks.keep(this.text);
-    const limit = Number(this.limit.value);
-    if (!this.tables || !(limit > 0)) return;
-    const errors = [...this.tolerances]
-      .filter(([, tolerance]) => tolerance > 0)
-      .map(([name, tolerance]) => ({ name, tolerance }));
-    const quantity = this.quantity.input.value;
-    const merit = meritName(quantity, quantity === "blur_px" ? "none" : this.after.input.value);
-    this.yields.ask({
-      tables: this.tables,
-      errors,
-      refocus: this.refocus,
-      merit,
-      limit,
-      trials: TRIALS,
-      seed: SEED,
-    });
+    const { plan, tables } = this;
+    if (plan && tables) this.yields.ask({ tables, ...plan, trials: TRIALS, seed: SEED });
   }
 
   private moved(moved: AsBuiltDisplacement, { tables }: AsBuiltRequest): void {
