@@ -26,8 +26,8 @@ from measurement_conditions import processor_name
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.cameras.frames import Mount
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.cameras.camera import Mount
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.calibration.targets.rendering import photographed, pose
 
 BOARD = om.Board("chessboard", 9, 6, 30.0)

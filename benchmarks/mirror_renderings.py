@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 import omnimirror as om
 from omnimirror.optics.housing import CameraBody, Housing, Rod
 from omnimirror.optics.image_sensor import Imager
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.radiometry import Radiometry
 
 SIZES = ((640, 480), (640, 640), (960, 720), (1280, 720), (1024, 1024), (1280, 960))

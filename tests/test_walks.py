@@ -110,9 +110,9 @@ def command(*arguments: object) -> None:
 
 
 def board_images() -> None:
-    from tests.apps.studio.boards import WHOLE, png
+    from tests.apps.studio.boards import COMPLETE_COUNT, png
 
-    for number in range(WHOLE):
+    for number in range(COMPLETE_COUNT):
         Path(f"{number}.png").write_bytes(png(number))
 
 

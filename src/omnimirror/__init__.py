@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from .analysis.evaluation import evaluate as evaluate
     from .analysis.evaluation import field_angles as field_angles
     from .analysis.focus import best_focus as best_focus
+    from .analysis.focus import best_viewpoint as best_viewpoint
     from .analysis.ghost_images import ghosts as ghosts
-    from .analysis.meridional_imaging import best_viewpoint as best_viewpoint
     from .analysis.operating_conditions import at_temperature as at_temperature
     from .analysis.operating_conditions import at_wavelength as at_wavelength
     from .analysis.operating_conditions import thermal_motion_px as thermal_motion_px
@@ -139,7 +139,6 @@ if TYPE_CHECKING:
     )
     from .manufacturing.tolerancing.mirror_form import as_built as as_built
     from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
-    from .manufacturing.tolerancing.perturbation import perturbed as perturbed
     from .manufacturing.tolerancing.sweep import Sweep as Sweep
     from .manufacturing.tolerancing.tolerance_analysis import ToleranceReport as ToleranceReport
     from .manufacturing.tolerancing.tolerance_analysis import TypicalSensor as TypicalSensor
@@ -150,6 +149,7 @@ if TYPE_CHECKING:
     from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
     from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
+    from .manufacturing.tolerancing.tolerances import perturbed as perturbed
     from .optics.mirrors import register_mirror as register_mirror
     from .optics.sensor import Sensor as Sensor
     from .optics.sensor_files import bundled_sensors as bundled_sensors
@@ -187,7 +187,7 @@ __version__ = "0.2.0"
 
 _HOMES = {
     "best_focus": "analysis.focus",
-    "best_viewpoint": "analysis.meridional_imaging",
+    "best_viewpoint": "analysis.focus",
     "temperature_range": "design.requirement_check",
     "at_temperature": "analysis.operating_conditions",
     "at_wavelength": "analysis.operating_conditions",
@@ -348,7 +348,7 @@ _HOMES = {
     "show": "apps.studio.pages",
     "Tolerance": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",
-    "perturbed": "manufacturing.tolerancing.perturbation",
+    "perturbed": "manufacturing.tolerancing.tolerances",
     "tolerance": "manufacturing.tolerancing.tolerance_analysis",
     "tolerance_conflicts": "manufacturing.tolerancing.drawing_conflicts",
     "tolerance_template": "manufacturing.tolerancing.tolerance_file",

@@ -11,7 +11,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp import _source_coordinates, sampling
 from omnimirror.dewarp._source_coordinates import exact_pixels, is_separable, polar_map_of
 from omnimirror.optics.sensor_files import bundled_sensors

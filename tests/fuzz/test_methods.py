@@ -13,7 +13,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Lens
 from tests.conftest import MIRRORS

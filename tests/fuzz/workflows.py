@@ -12,7 +12,7 @@ import av
 import numpy as np
 
 import omnimirror as om
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.design.catalogue import Catalogue, ImagerComponent, LensComponent
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.manufacturing import Tool, tool_path

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from omnimirror.base.errors import InvalidParameter, MediaError
-from omnimirror.io.exif import oriented
+from omnimirror.io.image_metadata import oriented
 from omnimirror.io.video_frames import (
     ColourCoding,
     converted,

@@ -12,7 +12,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.keyframes import Keyframes
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.dataset_manifest import CalibrationRecipe, VideoRecipe, load_recipe
 from omnimirror.simulation.datasets import (
     view_poses,

@@ -16,8 +16,7 @@ from ..base.files import write_text
 from ..base.quantities import QUANTITIES
 from ..base.results import Columns, Result, write_columns
 from ..base.typing import Array
-from ..cameras.camera import inside_image
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import inside_image, rotate_vectors
 from ..cameras.models import RadialModel
 from ..cameras.models.camera_model import CameraModel, direction_sigma_deg
 

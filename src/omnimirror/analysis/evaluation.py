@@ -23,8 +23,7 @@ from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
 from ..optics.mirrors import Mirror, SampledProfile
 from ..optics.sensor import Sensor, check_sensor
-from .focus import FocusStudy, best_focus, distance_per_angle
-from .meridional_imaging import viewpoint_z, virtual_images
+from .focus import FocusStudy, best_focus, distance_per_angle, viewpoint_z, virtual_images
 
 # -- Standard deviations from the scatter of a measured profile ------------------------------------
 

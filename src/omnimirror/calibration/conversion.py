@@ -22,8 +22,7 @@ from ..base.arguments import (
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import atomic_output
 from ..base.results import Columns, Result, record_of, table_of
-from ..cameras.camera import Camera
-from ..cameras.frames import Mount
+from ..cameras.camera import Camera, Mount
 from ..cameras.models import CameraModel, RadialModel
 from ..cameras.models.camera_model import FIELD_ROUNDING_DEG, Optics
 from ..dewarp.views import sphere

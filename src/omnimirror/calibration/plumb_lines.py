@@ -15,7 +15,7 @@ from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
-from ..cameras.frames import Mount
+from ..cameras.camera import Mount
 from ..cameras.models import Unified
 from ..cameras.models.camera_model import CameraModel, Optics
 from ..optics.sensor import Sensor

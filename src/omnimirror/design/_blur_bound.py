@@ -23,8 +23,8 @@ import numpy as np
 
 from ..base.arguments import choice, distances, image_radius, validate_arguments
 from ..base.errors import InvalidParameter
+from ..base.numerics import sign_change
 from ..base.results import Result
-from ..base.root_finding import sign_change
 from ..base.typing import Array
 from ..optics.batch.closed_forms import PerspectiveCamera, TelecentricCamera
 from ..optics.lenses import BLUR_MODES, BlurMode, Orthographic, Perspective

@@ -16,7 +16,7 @@ from ..base.optimisation import LinearisedValues, MinimaxResult, ObjectiveValues
 from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor
-from ._candidates import Candidate, focusing, make, mapping_deviation_px
+from ._candidates import Candidate, Focusing, focusing, make, mapping_deviation_px, vergences_of
 from ._design_problem import OF_LENS
 from ._design_space import (
     BestDesign,
@@ -27,12 +27,16 @@ from ._design_space import (
     meet_other_requirements,
     priority_note,
 )
-from ._focusing import Focusing, vergences_of
-from .evaluated_field import evaluable_field
 from .optimiser import IMAGE, Key, Slack
-from .ranges import ends, ends_or_none, is_free
-from .requirement_check import EDGE_PX, Verdict, check_requirements, evaluations, given_rows
-from .requirements import OF_OPTICS, Requirements
+from .requirement_check import (
+    EDGE_PX,
+    Verdict,
+    check_requirements,
+    evaluable_field,
+    evaluations,
+    given_rows,
+)
+from .requirements import OF_OPTICS, Requirements, ends, ends_or_none, is_free
 
 # -- Design space of mirrors of a mapping or a family: the numbers of the requirements, and the focus
 #

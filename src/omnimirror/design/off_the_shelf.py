@@ -17,16 +17,20 @@ from ..base.results import Columns, Result, record_of, table_of
 from ..base.worker_processes import WorkerPool
 from ..optics.sensor import Sensor
 from ._candidates import Candidate, focusing, make, sketched, viewing
-from ._mass_and_size import mass_g, outer_size
 from ._parameter_search import RangeSearch
 from ._part_combinations import PartsCombination, combinations_of, cut, requirements_with_parts
 from .catalogue import BallComponent, Catalogue, LensComponent, read_catalogue
 from .component_selection import rings_for
 from .designer import Design, design_of
-from .evaluated_field import evaluable_field
-from .ranges import ends, is_free
-from .requirement_check import RequirementCheck, Verdict, check_requirements, evaluations
-from .requirements import PartsRequirements, Requirements
+from .merits import mass_g, outer_size
+from .requirement_check import (
+    RequirementCheck,
+    Verdict,
+    check_requirements,
+    evaluable_field,
+    evaluations,
+)
+from .requirements import PartsRequirements, Requirements, ends, is_free
 
 # -- Sensor design for one combination of parts: mirror, aperture and focus ------------------------
 

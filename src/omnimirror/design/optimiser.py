@@ -23,18 +23,18 @@ from ..base.optimisation import (
     solve_minimax,
 )
 from ..base.results import Columns, Result, record_of, table_of
+from ..base.toml_validation import NullLocator
 from ..base.typing import Array
 from ..optics.batch.families import Basis
 from ..optics.image_sensor import Imager
 from ..optics.mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ..optics.sensor import Sensor
 from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
-from ..optics.toml_validation import NullLocator
 from ._blur_bound import BlurBound, blur_bound
 from ._design_problem import DesignProblem, DesignSpace, State
 from .limits import Limit
 from .merits import FieldValues, Merit, merit_named
-from .ranges import ends
+from .requirements import ends
 
 # -- Objectives and constraints of the optimiser, as rows with exact derivatives in a design space
 #

@@ -14,7 +14,6 @@ from ..base.errors import InvalidParameter, OutsideField
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
 from ._source_coordinates import is_separable, lattice_map_of, polar_map_of, source_pixels
-from .field_of_view import annulus_of, field_of
 from .interfaces import INTERPOLATIONS, Border, Image, Interpolation, Map
 from .maps import PixelMap, Rectangle
 from .sampling import (
@@ -27,7 +26,7 @@ from .sampling import (
     with_alpha,
 )
 from .screens import Screen, View, parts_of
-from .viewpoints import Viewpoint, check_viewpoint
+from .view_geometry import Viewpoint, annulus_of, check_viewpoint, field_of
 from .yuv import (
     SITINGS,
     Planes,

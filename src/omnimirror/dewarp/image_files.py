@@ -28,7 +28,7 @@ from ..io.batch import (
     outputs_for,
     run_parallel,
 )
-from ..io.exif import (
+from ..io.image_metadata import (
     ORIENTATION_NAMES,
     STORED_ORIENTATION_HINT,
     TRANSPOSING_ORIENTATIONS,

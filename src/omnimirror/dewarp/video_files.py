@@ -43,7 +43,7 @@ from ._dewarper import Dewarper
 from .interfaces import Border, Interpolation
 from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoSettings
 from .screens import View
-from .viewpoints import Viewpoint
+from .view_geometry import Viewpoint
 from .yuv import Siting
 
 # -- Video frames ----------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
 from ..base.errors import MediaError
-from .exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, UPRIGHT, oriented
+from .image_metadata import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, UPRIGHT, oriented
 
 # -- Pixel formats ---------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from av.video.stream import VideoStream
 
 from ..base.errors import InvalidParameter, MediaError
 from ..base.files import check_file
-from .exif import TRANSPOSING_ORIENTATIONS, UPRIGHT
+from .image_metadata import TRANSPOSING_ORIENTATIONS, UPRIGHT
 from .image_sequences import first_number, is_sequence, numbered_files
 from .video_frames import (
     SITING_AFTER_ORIENTATION,

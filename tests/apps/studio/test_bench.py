@@ -19,7 +19,7 @@ from omnimirror.apps.studio.app import create_app
 from omnimirror.design.requirement_files import parse_requirements
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors import MIRRORS
-from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, parse_sensor, tables_of
 from tests.test_extensions import Quartic
 

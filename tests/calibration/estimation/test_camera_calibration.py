@@ -14,7 +14,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.estimation.observation_checks import coverage, recommendations
 from omnimirror.calibration.estimation.observations import Observation
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models.camera_model import direction_covariance
 
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections, directions

@@ -19,7 +19,7 @@ import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.restoration.deblurring import Restorer
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.street import Street
 from tests.everyday import few

@@ -16,7 +16,7 @@ from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.mirrors import Sphere
 from ...optics.sensor import Sensor
 from ...optics.tracing.meridian import Meridian
-from ..meridional_imaging import best_viewpoint
+from ..focus import best_viewpoint
 from .style import (
     COLUMN,
     GREY,

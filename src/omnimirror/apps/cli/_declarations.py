@@ -311,7 +311,7 @@ class SetOption(GroupedOption):
 
     def unknown(self, ctx: click.Context, names: list[str]) -> click.BadParameter:
         """Return the exception for an unknown entry, with a suggestion."""
-        from ...optics.toml_validation import did_you_mean
+        from ...base.toml_validation import did_you_mean
 
         key = ".".join(names)
         entries = [*sorted(self.settings), *(self.tables or ())]

@@ -11,23 +11,22 @@ from typing import Any
 import click
 
 from ...base.arguments import format_value, parse_float
+from ...base.toml_validation import SourceLocator, merge_tables
 from ...design.catalogue import TYPICAL
 from ...design.designer import SearchOptions
 from ...design.merits import DESIGN_MERITS
 from ...design.mirror_construction import FAMILIES
 from ...design.optimiser import Progress
-from ...design.ranges import Range
 from ...design.requirement_files import (
     PIXELS,
     load_requirements,
     requirements_of,
     tables_like,
 )
-from ...design.requirements import PAPER_IMAGER, WAYS, Requirements
+from ...design.requirements import PAPER_IMAGER, WAYS, Range, Requirements
 from ...optics.lenses import BlurMode
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
-from ...optics.toml_validation import SourceLocator, merge_tables
 from ._declarations import NUMBER, Options, number_or_range, option, setting
 
 SECTIONS: dict[str, tuple[str, ...]] = {

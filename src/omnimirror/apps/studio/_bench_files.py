@@ -14,10 +14,10 @@ import tomli_w
 from ...analysis.evaluation import evaluate
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import parse_toml
+from ...base.toml_validation import SourceLocator
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import format_sensor, sensor_of, tables_of
-from ...optics.toml_validation import SourceLocator
 from ._bench_requirements import lens_table, mirror_table, requirements_for
 from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench
 from ._http_messages import framed

@@ -19,7 +19,7 @@ from ...calibration.estimation import Calibration, calibrate_camera
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
 from ...calibration.targets.frame_selection import select_distinct_frames
-from ...cameras.frames import Mount
+from ...cameras.camera import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
 from ._calibration_boards import coverage_message, line_deviation_px, pose_of, taken

@@ -10,7 +10,7 @@ from typing import get_args
 
 from ... import __version__
 from ...base.errors import InvalidParameter
-from ...cameras.frames import CameraLooks, Mount
+from ...cameras.camera import CameraLooks, Mount
 from ...optics.batch.best_focus import FOCUS_SEARCH
 from ...optics.mirrors import (
     ConicAsphere,

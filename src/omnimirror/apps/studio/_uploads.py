@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import MediaError
 from ...io import images
-from ...io._image_metadata import ImageMetadata, embed_metadata
+from ...io.image_metadata import ImageMetadata, embed_metadata
 from ...io.images import read_image_and_metadata
 
 if TYPE_CHECKING:

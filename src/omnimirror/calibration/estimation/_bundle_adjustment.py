@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...base.arguments import choice, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
-from ...base.nonlinear_least_squares import levenberg_marquardt
+from ...base.numerics import levenberg_marquardt
 from ...base.results import Columns, Result, table_of
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel

@@ -25,9 +25,8 @@ from ...base.arguments import (
 )
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...cameras.frames import Mount, rotate_vectors
-from ...cameras.models.camera_model import CameraModel
-from ...cameras.models.radial_model import RadialModel
+from ...cameras.camera import Mount, rotate_vectors
+from ...cameras.models.camera_model import CameraModel, RadialModel
 from ...cameras.models.sphere_models import Unified
 from ...cameras.models.spline_models import ViewpointSpline
 from ...optics.sensor import Sensor

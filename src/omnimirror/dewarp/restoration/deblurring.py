@@ -16,7 +16,7 @@ from ...base.caching import cached_property
 from ...base.colour import Light, linear_from_srgb, srgb_from_linear
 from ...base.errors import InvalidParameter, OmnimirrorWarning
 from ...cameras.camera import Camera
-from ...io.exif import Exposure, exposure_of
+from ...io.image_metadata import Exposure, exposure_of
 from ...io.images import Image, read_image_and_metadata
 from ...optics.sensor import Sensor
 from ._blur_fraction import MIN_ASSUMED_NOISE, UNSEEN_SHARE, BlurProblem, BlurScale

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...analysis.focus import FocusStudy
-from ...analysis.meridional_imaging import virtual_images
+from ...analysis.focus import FocusStudy, virtual_images
 from ...base.arguments import distances, instance, number, row, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result

@@ -31,7 +31,7 @@ from ...cameras.camera import Camera
 from ...dewarp.image_files import DewarpedImage, ImageDewarper, SourceImage, as_stored
 from ...dewarp.request import BorderColour, DewarpRequest, VideoSettings
 from ...io.batch import error_message
-from ...io.exif import exposure_of
+from ...io.image_metadata import exposure_of
 from ...io.images import format_of
 from ...optics.sensor_files import parse_camera
 from ...simulation.datasets import TrainingSamples, write_samples

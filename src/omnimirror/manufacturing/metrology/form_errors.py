@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.arguments import integer, number, row, validate_arguments, vectors
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
-from ...base.polynomials import noll, zernike_terms, zernike_values
+from ...base.numerics import noll, zernike_terms, zernike_values
 from ...base.results import Result
 from ...base.typing import Array
 from ...optics.mirrors import Mirror, SampledProfile

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure
 from ...base.escaping import escape_invisible, plot_text
 from .compensation import CALIBRATIONS, after
+from .evaluator import is_lower_limit
 from .monte_carlo import YieldStatistics
-from .requirement_merits import is_lower_limit
 from .sensitivity import ErrorSensitivity, VarianceDecomposition
 
 MAX_BARS = 24

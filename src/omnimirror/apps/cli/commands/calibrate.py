@@ -32,7 +32,7 @@ from ....calibration.sensor_model import SensorModel
 from ....calibration.straight_edges import read_line_points
 from ....calibration.targets import Board, Detection, select_frames
 from ....calibration.targets.board_detection import find_boards
-from ....cameras.frames import CameraLooks, Mount
+from ....cameras.camera import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
 from ....dewarp.request import is_video
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
