@@ -59,7 +59,7 @@ def compare_two(page: Any) -> None:
 
 def try_errors(page: Any) -> None:
     """Misalign the mirror and display the residual errors after calibration of its pose."""
-    page.get_by_role("button", name="Set errors").click()
+    page.get_by_role("button", name="Analyse tolerances").click()
     page.wait_for_function(AT_REST)
     for name, value in VALUES.items():
         page.get_by_label(name, exact=True).fill(value)

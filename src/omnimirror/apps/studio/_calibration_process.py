@@ -40,6 +40,9 @@ LABELS = {
     "use --set camera.image_flipped=true": 'select "Camera driver flips images left to right"',
     "camera.image_flipped": '"Camera driver flips images left to right"',
     "camera.optics": '"Optics"',
+    ": --prior NAME=VALUE+-SIGMA.": (
+        "; specify it in the calibration on the command line, which the page displays."
+    ),
 }
 """Labels of the page for command-line options in messages."""
 
@@ -63,7 +66,7 @@ def perform(
         on_progress(
             CalibrationStatus(
                 state="done",
-                message=calibration.summary,
+                message=_plain(calibration.summary),
                 fraction=1.0,
                 result=result_message(calibration),
             )
@@ -166,8 +169,8 @@ def result_message(calibration: Calibration) -> CalibrationResult:
             OutlierCorner(image=o.image, corner=o.corner, residual_px=o.residual_px)
             for o in calibration.outliers
         ),
-        notes=calibration.notes,
-        advice=calibration.advice,
+        notes=tuple(map(_plain, calibration.notes)),
+        advice=tuple(map(_plain, calibration.advice)),
         coverage=coverage_message(calibration.coverage),
         poses=tuple(
             pose_of(s, calibration.model, calibration.board)

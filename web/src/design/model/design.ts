@@ -23,7 +23,6 @@ export interface Pin {
 }
 
 const MAX_UNDONE = 100;
-const KEY_PAUSE_MS = 1500; // maximum time between key presses of one undo step
 
 /** Current design with its undo history. */
 export class History {
@@ -31,8 +30,8 @@ export class History {
   private future: Design[] = [];
   /** Last committed design; slider moves start from it. */
   private settled: Design;
-  /** Control and time of the last commit by a key press. */
-  private lastKey: { control: string; time: number } | null = null;
+  /** Control of the last commit by a key press; null after other commits. */
+  private lastKey: string | null = null;
 
   constructor(public now: Design) {
     this.settled = now;
@@ -50,17 +49,13 @@ export class History {
     return this.now !== this.settled;
   }
 
-  /** Commit the current design; return whether it changed. Successive key presses on one `control` are one undo step; null for other changes. */
-  settle(control: string | null = null, time = Date.now()): boolean {
+  /** Commit the current design; return whether it changed. Successive key presses on one `control` are one undo step; null for other changes, and if the control loses the focus. */
+  settle(control: string | null = null): boolean {
     const isNew = JSON.stringify(this.now) !== JSON.stringify(this.settled);
-    const last = this.lastKey;
-    const isSameStep =
-      control !== null && last?.control === control && time - last.time < KEY_PAUSE_MS;
-    if (isNew) {
-      if (!isSameStep) this.past = [...this.past, this.settled].slice(-MAX_UNDONE);
-      this.future = [];
-    }
-    if (isNew || control === null) this.lastKey = control === null ? null : { control, time };
+    const isSameStep = control !== null && control === this.lastKey;
+    if (isNew && !isSameStep) this.past = [...this.past, this.settled].slice(-MAX_UNDONE);
+    if (isNew) this.future = [];
+    if (isNew || control === null) this.lastKey = control;
     this.settled = this.now;
     return isNew;
   }

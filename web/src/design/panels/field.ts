@@ -69,6 +69,7 @@ export class Field {
     for (const input of [this.slider, this.number]) {
       input.addEventListener("keydown", (e) => (this.isByKey = e.key.startsWith("Arrow")));
       input.addEventListener("pointerdown", () => (this.isByKey = false));
+      input.addEventListener("blur", () => this.isByKey && this.settled(false));
     }
     this.slider.addEventListener("input", () =>
       this.take(this.scale.to(Number(this.slider.value)), this.slider),

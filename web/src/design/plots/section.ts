@@ -284,7 +284,7 @@ class Frame {
     const step = stepOf(MIN_TICKS_PX / this.scale);
     const [right, top] = [this.width, this.height];
     this.tick(right - 3, top - 8, "end", "z, mm");
-    this.tick(3, 11, "start", "x, mm");
+    this.tick(3, 11, "start", "x, mm", LABEL_ROWS);
     for (const z of multiples(step, this.along(0), this.along(right))) {
       const [u] = this.at([z, 0]);
       this.drawing.add("line", { class: "tick", x1: u, x2: u, y1: top - 5, y2: top });
@@ -297,8 +297,8 @@ class Frame {
     }
   }
 
-  private tick(x: number, y: number, anchor: Anchor, text: string): void {
-    this.texts.push({ at: [x, y], text: text.replace("-", "−"), anchor, rows: 1, class: "tick" });
+  private tick(x: number, y: number, anchor: Anchor, text: string, rows = 1): void {
+    this.texts.push({ at: [x, y], text: text.replace("-", "−"), anchor, rows, class: "tick" });
   }
 
   /** Return the position along the axis of a distance from the left edge, mm. */

@@ -83,7 +83,7 @@ export class TolerancesPanel {
   private readonly begin = h(
     "button",
     { type: "button", "aria-expanded": "false", onclick: () => this.toggle() },
-    "Set errors",
+    "Analyse tolerances",
   );
   private readonly body = h("div", { className: "tolerance-body", hidden: true });
   private readonly grade = select(
@@ -137,15 +137,12 @@ export class TolerancesPanel {
       h("span", { className: "entry" }, this.limit),
     );
     this.body.append(
-      this.grade.element,
       this.focus.element,
       this.after.element,
-      this.quantity.element,
-      maximum,
-      this.verdict,
-      this.summary,
-      row,
+      part("Yield", this.grade.element, this.quantity.element, maximum, this.verdict),
+      part("Present errors of this sensor", this.summary, row),
       this.problem,
+      h("p", { className: "words" }, "Each error: present value ± tolerance of the yield"),
       this.groups,
     );
     place.append(h("div", { className: "row" }, this.begin), this.body);
@@ -238,7 +235,7 @@ export class TolerancesPanel {
   private toggle(): void {
     this.body.hidden = this.charts.element.hidden = this.isOpen;
     this.begin.setAttribute("aria-expanded", String(this.isOpen));
-    this.begin.textContent = this.isOpen ? "Close errors" : "Set errors";
+    this.begin.textContent = this.isOpen ? "Close tolerances" : "Analyse tolerances";
     if (this.isOpen) return this.follow();
     this.tables = this.last = null;
     this.callbacks.keep("");
@@ -411,6 +408,12 @@ export class TolerancesPanel {
     this.problem.textContent = capital(message);
     this.problem.hidden = false;
   }
+}
+
+/** Create a titled part of the panel. */
+function part(title: string, ...children: HTMLElement[]): HTMLElement {
+  const id = unique();
+  return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
 }
 
 /** Create a selection with its title; `offer` replaces the options. */
