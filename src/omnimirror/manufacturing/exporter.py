@@ -263,7 +263,7 @@ def export(
     plan = replace(plan, writes_table="csv" in names)
     with TemporaryDirectory() as folder, ExitStack() as stack:
         temporary = {target: Path(folder) / _plain(target.name) for target in targets}
-        written = []
+        written: list[ExportedFile] = []
         for target, what in targets.items():
             if on_progress is not None:
                 on_progress(target.name, len(written) / len(targets))

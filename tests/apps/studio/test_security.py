@@ -57,6 +57,7 @@ from tests.serving import in_a_loop
 
 from .browser import open_page, serving
 from .test_bench_page import WITHOUT_IMAGES
+from .test_invalid_bodies import FITTED
 
 LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"
@@ -670,14 +671,7 @@ def test_restoration_and_outline_search_do_not_block_each_other(client, monkeypa
         return b"", ""
 
     monkeypatch.setattr(_look_routes, "restore_image", restored)
-    message = {
-        "id": "paper-spherical",
-        "centre_px": None,
-        "rim_radius_px": None,
-        "image_flipped": False,
-        "name": "a.png",
-        "object_distance_mm": None,
-    }
+    message = {**FITTED, "name": "a.png", "object_distance_mm": None}
     header = json.dumps(message).encode()
     body = (
         struct.pack("<I", len(header))

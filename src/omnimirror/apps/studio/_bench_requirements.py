@@ -189,7 +189,7 @@ def relaxation_options(
     """
     if conflict is None:
         return ()
-    groups = [(relaxation,) for relaxation in conflict.alone]
+    groups: list[tuple[Relaxation, ...]] = [(relaxation,) for relaxation in conflict.alone]
     if len(conflict.joint) > 1:
         groups.append(conflict.joint)
     return tuple(

@@ -98,6 +98,7 @@ def _entries(kind: type[Any]) -> tuple[WorkshopEntry, ...]:
     entries = []
     for entry in fields(kind):
         parameter = kind.PARAMETERS.get(entry.name)
+        default: Any = entry.default
         label = LABELS.get(entry.name, entry.name.replace("_", " ").capitalize())
         entries.append(
             WorkshopEntry(
@@ -105,7 +106,7 @@ def _entries(kind: type[Any]) -> tuple[WorkshopEntry, ...]:
                 label=label,
                 unit=parameter.unit if parameter else "",
                 description=parameter.description if parameter else EXAMPLES.get(entry.name, ""),
-                default=entry.default,
+                default=default,
                 max_length=kind.ROOM.get(entry.name),
                 low=parameter.low if parameter else None,
                 high=parameter.high if parameter else None,
