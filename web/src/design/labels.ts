@@ -1,7 +1,13 @@
 /** Displayed names of units, parameters and quantities. */
 import type { QuantityInfo } from "../shared/messages";
 
-const UNITS: Record<string, string> = { deg: "°", um: "µm", deg2: "deg²", "px/deg": "px/°" };
+const UNITS: Record<string, string> = {
+  deg: "°",
+  um: "µm",
+  deg2: "deg²",
+  "g/cm3": "g/cm³",
+  "px/deg": "px/°",
+};
 export const unitWords = (unit: string): string => UNITS[unit] ?? unit;
 
 /** Return the name of a parameter without its unit. */

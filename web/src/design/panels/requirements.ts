@@ -19,7 +19,7 @@ const INFINITE = 1e11; // distance in mm above which infinity is displayed
 
 /** Requirements with their results. */
 export class RequirementsPanel {
-  private readonly body = h("div", {});
+  private readonly body = h("div", { className: "requirements" });
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private shape = "";

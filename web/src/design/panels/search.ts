@@ -103,12 +103,8 @@ export class WorkPanel {
     place.append(
       labelled("Minimise", this.merit),
       labelled("Freeform surface", this.shape),
-      h(
-        "div",
-        { className: "two" },
-        labelled("Coefficients", this.terms),
-        labelled("Number of starts", this.starts),
-      ),
+      labelled("Coefficients", this.terms),
+      labelled("Number of starts", this.starts),
       this.keepsLabel,
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
       this.reason,
@@ -172,7 +168,9 @@ export class WorkPanel {
     if (!options.length) return;
     const rows = options.map(({ values, requirements }) => {
       const texts = values.map(({ name, unit, requested, needed }) =>
-        `${this.labelled(name)} ${short(requested)} → ${short(needed)} ${unitWords(unit)}`.trimEnd(),
+        `${this.labelled(name)} ${short(requested)} → ${short(needed)} ${unitWords(unit)}`
+          .trimEnd()
+          .replace(" °", "°"),
       );
       const apply = (): void => {
         this.callbacks.relax(requirements);
