@@ -138,7 +138,7 @@ export class SectionView {
     this.drawWhole(first);
     this.drawClose(first);
     const [near, far] = first.evaluation.summary!.depth_of_field_mm;
-    const note = `chief rays; tangential (T) and sagittal (S) virtual images of objects at infinity and at 5 rim radii, 5 M (fine); depth of field ${words(near)} to ${words(far)} mm from the lens`;
+    const note = `chief rays; virtual images (T, S) of objects at infinity and 5 rim radii (fine); depth of field ${words(near)} to ${words(far)} mm from the lens`;
     if (note !== this.note.textContent) this.note.textContent = note;
     this.drawCursor();
   }
