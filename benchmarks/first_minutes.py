@@ -174,7 +174,7 @@ def engineer(session: Session) -> None:
     session.complete_step("design that meets the requirements")
     session.button("Pin")
     session.complete_step("pinned design")
-    session.button("Set errors")
+    session.button("Analyse tolerances")
     session.page.wait_for_selector("svg.tornado rect")
     session.complete_step("effect of each error")
 

@@ -15,21 +15,17 @@ import numpy as np
 from measurement_conditions import describe_conditions
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_files import downloaded
-from omnimirror.apps.studio.bench_messages import FileRequest
+from omnimirror.apps.studio._bench_files import sensor_report
 from omnimirror.base.files import write_text
-from omnimirror.optics.sensor_files import tables_of
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")
 
 
 def measure_report(name: str) -> tuple[float, float, int]:
     """Return wall-clock seconds, core seconds and bytes of a report."""
-    request = FileRequest(
-        tables=tables_of(om.load_sensor(name)), kind="report", object_distance_mm=None
-    )
+    sensor = om.load_sensor(name)
     wall, cpu = time.perf_counter(), time.process_time()
-    report = downloaded(request)
+    report = sensor_report(sensor, lambda step, fraction: None)
     return time.perf_counter() - wall, time.process_time() - cpu, len(report.data)
 
 

@@ -27,6 +27,18 @@ from omnimirror.optics.sensor_files import save_sensor
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SETTLING_MS = 3500
 VALUES = {"Mirror decentre x": "0.06", "Mirror tilt y": "0.1"}
+INFEASIBLE = """
+[field]
+omega_max_deg = 100
+[mirror]
+family = "sphere"
+rim_radius_mm = 40
+[lens]
+theta_max_deg = 12
+[[limit]]
+quantity = "resolution_px_per_deg"
+at_least = 4.5
+"""
 SPACE = "window.omnimirror.tabs.design.plotArea.space.view"
 AT_REST = """() => {
   const t = window.omnimirror.tabs.design.tolerances;
@@ -44,10 +56,10 @@ def compare_two(page: Any) -> None:
     page.get_by_role("button", name="Add a requirement").click()
     page.get_by_role("button", name="Add a requirement").click()
     page.get_by_label("Quantity").last.select_option("resolution_px_per_deg")
-    page.get_by_label("resolution_px_per_deg at most").fill("")
-    page.get_by_label("resolution_px_per_deg at least").fill("3.5")
+    page.get_by_label("Resolution at most").fill("")
+    page.get_by_label("Resolution at least").fill("3.5")
     page.keyboard.press("Enter")
-    page.get_by_label("resolution_px_per_deg at most").fill("")
+    page.get_by_label("Resolution at most").fill("")
     page.keyboard.press("Enter")
     page.wait_for_timeout(SETTLING_MS)
     page.evaluate("window.omnimirror.tabs.design.plotArea.cursor.set(75, null)")
@@ -59,7 +71,7 @@ def compare_two(page: Any) -> None:
 
 def try_errors(page: Any) -> None:
     """Misalign the mirror and display the residual errors after calibration of its pose."""
-    page.get_by_role("button", name="Set errors").click()
+    page.get_by_role("button", name="Analyse tolerances").click()
     page.wait_for_function(AT_REST)
     for name, value in VALUES.items():
         page.get_by_label(name, exact=True).fill(value)
@@ -90,11 +102,37 @@ def look_in_space(page: Any) -> None:
     page.wait_for_timeout(SETTLING_MS)
 
 
+def export_files(page: Any) -> None:
+    """Open the export dialog with workshop data."""
+    page.get_by_role("button", name="Export…").click()
+    dialog = page.get_by_role("dialog", name="Export")
+    entries = {"Drawing number": "OM-0042", "Legal owner": "Optics", "Material": "brass"}
+    for name, value in entries.items():
+        dialog.get_by_label(name).fill(value)
+    with page.expect_download():
+        dialog.get_by_role("button", name="Download Sag table").click()
+    dialog.evaluate("(element) => element.scrollTo(0, 0)")
+
+
+def relax(page: Any) -> None:
+    """Design a sensor for infeasible requirements, and display the relaxations."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "requirements.toml"
+        file.write_text(INFEASIBLE)
+        page.set_input_files("#design-file", file)
+        page.get_by_role("button", name="Design from requirements").click()
+    page.locator(".relaxations li").first.wait_for(timeout=120_000)
+    page.locator(".relaxations").scroll_into_view_if_needed()
+    page.wait_for_timeout(SETTLING_MS)
+
+
 SCREENSHOTS = {
     "studio-design-light": (compare_two, "light", 1120),
     "studio-design-dark": (compare_two, "dark", 1120),
     "studio-space-light": (look_in_space, "light", 800),
     "studio-tolerances-light": (try_errors, "light", 1000),
+    "studio-export-light": (export_files, "light", 1000),
+    "studio-relaxations-light": (relax, "light", 1000),
 }
 """Actions before the screenshot, colour scheme, and height of the window (px)."""
 

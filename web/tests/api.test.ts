@@ -42,7 +42,7 @@ test("files are handed up, objects as JSON", async () => {
   await api.loadSensor(file, "my sensor.toml");
   expect(request[0]).toEqual([
     "api/sensors?name=my+sensor.toml&optics=mirror",
-    { method: "POST", body: file },
+    { method: "POST", body: file, headers: { "omnimirror-page": expect.stringMatching(/^\d+$/) } },
   ]);
   await api.requirements({ requirements: {}, tables: { name: "ü" } });
   expect(request.at(-1)![1]).toMatchObject({
@@ -81,7 +81,7 @@ test("a server that is silent is away", async () => {
 });
 
 test("a file has the name that the server gives it", async () => {
-  const request = { tables: {}, kind: "sag", object_distance_mm: null } as const;
+  const request = { tables: {}, kind: "table", object_distance_mm: null } as const;
   answering(
     new Response("r,z", {
       headers: { "content-disposition": 'attachment; filename="mine-sag.csv"' },

@@ -165,6 +165,30 @@ describe("undoing", () => {
     expect(history.now).toEqual(at(28));
   });
 
+  test("successive key presses on one control are one step", () => {
+    const history = new History(at(25));
+    const press = (radius: number, control: string | null): void => {
+      history.now = at(radius);
+      history.settle(control);
+    };
+    for (const radius of [26, 27, 28, 29, 30]) press(radius, "mirror.radius_mm");
+    history.undo();
+    expect(history.now).toEqual(at(25));
+    history.redo();
+    press(31, "mirror.radius_mm");
+    history.undo();
+    expect(history.now).toEqual(at(30)); // Redo ends the step
+    press(32, "lens.f_number");
+    press(33, "mirror.radius_mm");
+    history.settle(null); // the control loses the focus
+    press(34, "mirror.radius_mm");
+    press(35, null); // by the pointer
+    for (const radius of [34, 33, 32, 30]) {
+      history.undo();
+      expect(history.now).toEqual(at(radius));
+    }
+  });
+
   test("what was not yet settled on is undone too", () => {
     const history = new History(at(25));
     history.now = at(26);

@@ -35,6 +35,18 @@ test("messages start with the label of a parameter", () => {
   );
 });
 
+test("messages contain titles and labels instead of internal names", () => {
+  expect(labelledMessage("relaxation 2 of 3: blur_t_deg", [BLUR])).toBe(
+    "Relaxation 2 of 3: blur T",
+  );
+  expect(labelledMessage("Mirror.radius_mm must be positive; got -5")).toBe(
+    "Radius must be positive; got -5",
+  );
+  expect(labelledMessage("paper-spherical.toml: omega_max_deg is too large")).toBe(
+    "Paper-spherical.toml: Ω max is too large",
+  );
+});
+
 test("what stands after an underscore is a subscript, in symbols and in equations", () => {
   expect(symbolOf(BLUR)).toBe("Δₜ/Δh");
   expect(symbolOf({ ...BLUR, symbol: "z_v" })).toBe("zᵥ");

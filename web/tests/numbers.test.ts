@@ -68,18 +68,39 @@ const parameter = (
 
 test.each([
   ["a short range is shown whole", parameter(0, 180), 40, 0, 180],
-  ["of what is positive, factors around the value", parameter(1e-3, 1e7), 100, 40, 250],
-  ["no more than there is", parameter(50, 1e7), 100, 50, 250],
-  ["of what may be negative, as much to either side", parameter(-1e6, 1e6), -300, -600, 0],
-  ["of nothing, a little", parameter(-1e6, 1e6), 0, -0.1, 0.1],
+  ["positive values have a decade with round ends", parameter(1e-3, 1e7), 49.96, 10, 100],
+  ["values near the lower end of a decade have another one", parameter(1e-3, 1e7), 33, 10, 100],
+  ["the decade ends at the permitted range", parameter(50, 1e7), 100, 50, 300],
+  ["an interval around 0 has round ends", parameter(-1e6, 1e6), -300, -1000, 1000],
+  ["0 has a small interval", parameter(-1e6, 1e6), 0, -0.1, 0.1],
 ])("%s", (_, p, value, low, high) => {
   const scale = scaleOf(p, value);
   expect(scale.low).toBeCloseTo(low, 9);
   expect(scale.high).toBeCloseTo(high, 9);
   for (const place of [0, 0.1, 0.5, 0.99, 1])
     expect(scale.from(scale.to(place))).toBeCloseTo(place, 2);
-  expect(scale.to(scale.from(value))).toBeCloseTo(value, 2);
+  expect(Math.abs(scale.to(scale.from(value)) - value)).toBeLessThan(1e-2 * (high - low));
   expect([scale.from(-1e9), scale.from(1e9)]).toEqual([expect.closeTo(0, 6), 1]);
+});
+
+test("the handle displays the position of the value between the ends", () => {
+  const p = parameter(1e-3, 1e7);
+  expect(scaleOf(p, 49.96).from(49.96)).toBeCloseTo(0.7, 2);
+  expect(scaleOf(p, 12).from(12)).toBeCloseTo(0.6, 2);
+  for (const value of [0.0012, 1, 1.3, 2.9, 3, 3.8, 9.99, 1e6]) {
+    const place = scaleOf(p, value).from(value);
+    expect(place).toBeGreaterThan(0.05);
+    expect(place).toBeLessThan(0.95);
+  }
+});
+
+test("the ends do not swap for values outside the permitted range", () => {
+  for (const value of [-5, 0, 1e9]) {
+    const scale = scaleOf(parameter(1e-3, 1e7), value);
+    expect(scale.low).toBeLessThan(scale.high);
+    expect(scale.low).toBeGreaterThanOrEqual(1e-3);
+    expect(scale.high).toBeLessThanOrEqual(1e7);
+  }
 });
 
 test("whole numbers stay whole", () => {

@@ -54,3 +54,41 @@ def forward_steps(function: Callable[[str], None], name: str = "omnimirror") -> 
     finally:
         logger.setLevel(level)
         logger.removeHandler(handler)
+
+
+@contextmanager
+def combine_steps(
+    function: Callable[[str, float], None], name: str = "omnimirror"
+) -> Iterator[OnProgress]:
+    """Combine logged steps and progress into calls with the current step and completed fraction.
+
+    Parameters
+    ----------
+    function
+        Receives the latest step and the completed fraction; 0 if the total is unknown.
+    name
+        Name of the logger; loggers below it are included.
+
+    Yields
+    ------
+    on_progress
+        Callback for the long function.
+
+    Examples
+    --------
+    >>> with combine_steps(print, "omnimirror.example") as on_progress:
+    ...     logging.getLogger("omnimirror.example").info("Rendering")
+    ...     on_progress(1, 4)
+    Rendering 0.25
+    """
+    step = ""
+
+    def on_step(text: str) -> None:
+        nonlocal step
+        step = text
+
+    def on_progress(done: int, total: int | None) -> None:
+        function(step, done / total if total else 0.0)
+
+    with forward_steps(on_step, name):
+        yield on_progress

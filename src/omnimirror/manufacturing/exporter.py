@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, replace
@@ -24,6 +25,7 @@ from ..base.arguments import (
 from ..base.errors import InvalidParameter, OmnimirrorError, extra_remedy
 from ..base.escaping import file_stem
 from ..base.files import atomic_output
+from ..base.logs import OnProgress
 from ..base.registry import Registry
 from ..base.results import Result
 from ..design.requirement_check import check_requirements
@@ -41,6 +43,7 @@ from .formats.tool_paths import Tool, write_tool_path
 from .formats.zmx import write_zmx
 from .workshop import Workshop
 
+LOGGER = logging.getLogger(__name__)
 SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # suffixes of file names
 ACCURATE_RAY_DEG = 0.01  # maximum ray deviation of an accurate lens file
 
@@ -157,6 +160,7 @@ def export(
     workshop: Workshop | None = None,
     allow_changes: bool = False,
     requirements: Requirements | str | Path | None = None,
+    on_progress: OnProgress | None = None,
 ) -> list[ExportedFile]:
     """Export CAD files, lens files, tables and the drawing of a sensor: all files or none.
 
@@ -195,6 +199,9 @@ def export(
     requirements : optional
         Requirements to check. If bodies or housing change the sensor, the error lists the entries
         whose margin changes or fails.
+    on_progress : optional
+        Callback with the number of completed files and of all files, called before each file. The
+        logger ``omnimirror.manufacturing.exporter`` reports the name of the file.
 
     Returns
     -------
@@ -261,10 +268,12 @@ def export(
     plan = replace(plan, writes_table="csv" in names)
     with TemporaryDirectory() as folder, ExitStack() as stack:
         temporary = {target: Path(folder) / _plain(target.name) for target in targets}
-        written = [
-            ExportedFile(target, *_write(plan, *what, temporary[target], target))
-            for target, what in targets.items()
-        ]
+        written: list[ExportedFile] = []
+        for target, what in targets.items():
+            LOGGER.info("Writing %s", target.name)
+            if on_progress is not None:
+                on_progress(len(written), len(targets))
+            written.append(ExportedFile(target, *_write(plan, *what, temporary[target], target)))
         for target, file in temporary.items():
             copyfile(file, stack.enter_context(atomic_output(target)))
     return written
@@ -334,9 +343,14 @@ def _marked(plan: Plan, name: str) -> list[tuple[str, Part, int]]:
     return marked[:1] if kind.shows_sensor else marked
 
 
+def missing_packages(names: Iterable[str]) -> dict[str, list[str]]:
+    """Return the required packages of formats that are not installed."""
+    return {name: [p for p in FORMATS[name].packages if not _is_installed(p)] for name in names}
+
+
 def _check_packages(names: list[str]) -> None:
     """Raise an error if a format requires a package that is not installed."""
-    lacking = {name: [p for p in FORMATS[name].packages if not _is_installed(p)] for name in names}
+    lacking = missing_packages(names)
     missing = sorted({package for packages in lacking.values() for package in packages})
     if not missing:
         return

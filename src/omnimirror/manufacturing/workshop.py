@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import date as calendar_date
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -212,6 +212,12 @@ class Workshop:
         check_fields(self)
         for name, value in self.tolerances.items():
             Parameter("", 0.0, 1e9).check(f"tolerance of {name}", value)
+
+    def dated(self) -> Workshop:
+        """Return the data with today's date if the title block has none."""
+        if self.title.date:
+            return self
+        return replace(self, title=replace(self.title, date=calendar_date.today().isoformat()))
 
     def missing(self, parts: tuple[str, ...]) -> list[str]:
         """List missing entries that a manufacturer requires.

@@ -206,11 +206,11 @@ def test_slider_pin_and_best_focus_without_server(browser, address):
     page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
     for name in (
         "Calibrate",
-        "Download",
+        "Export…",
         "Use as camera",
         "Open sensor…",
         "Optimise",
-        "Set errors",
+        "Analyse tolerances",
     ):
         assert not page.get_by_text(name, exact=True).first.is_visible(), name
     page.get_by_role("button", name="Pin", exact=True).click()

@@ -4,12 +4,8 @@ worker processes."""
 from __future__ import annotations
 
 import json
-import logging
-import threading
 import tomllib
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,7 +13,7 @@ import pytest
 from starlette.testclient import TestClient
 
 import omnimirror as om
-from omnimirror.apps import reports as report
+from omnimirror.apps.studio._bench_files import sensor_report
 from omnimirror.apps.studio._bench_sensors import spline_like
 from omnimirror.apps.studio.app import create_app
 from omnimirror.design.requirement_files import parse_requirements
@@ -388,7 +384,7 @@ def test_requirement_file_round_trip(client):
     )
 
 
-def test_tables_and_drawings_match_command_line(client, tmp_path):
+def test_evaluation_table_matches_command_line(client, tmp_path):
     sensor = om.load_sensor("paper-spherical")
     table = post(client, "file", tables=tables_of(sensor), kind="table", object_distance_mm=800.0)
     om.evaluate(sensor, np.linspace(*sensor.field_deg, 361), object_distance_mm=800.0).to_csv(
@@ -396,9 +392,6 @@ def test_tables_and_drawings_match_command_line(client, tmp_path):
     )
     assert table.content == (tmp_path / "t.csv").read_bytes()
     assert 'filename="paper-spherical-evaluation.csv"' in table.headers["content-disposition"]
-    for tables in (tables_of(sensor), tables_of(om.load_sensor("folded-spherical"))):
-        drawing = post(client, "file", tables=tables, kind="drawing", object_distance_mm=None)
-        assert drawing.content.startswith(b"%PDF-")
 
 
 FILE_REFERENCES = (
@@ -609,13 +602,11 @@ def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
     change = {"target": "focus", "to": "worst_floored_area_deg2", "object_distance_mm": None}
     focused = post(client, "change", tables=tables_of(sensor), **change)
     assert parse_sensor(toml(focused.json()["tables"])).mirror_pose == sensor.mirror_pose
-    for kind in ("table", "report"):
-        response = post(
-            client, "file", tables=tables_of(sensor), kind=kind, object_distance_mm=None
-        )
-        assert response.status_code == 400
-        assert "requires an aligned mirror" in response.json()["detail"]
-        assert "()" not in response.json()["detail"]  # no Python
+    response = post(client, "file", tables=tables_of(sensor), kind="table", object_distance_mm=None)
+    assert response.status_code == 400
+    assert "the evaluation requires an aligned mirror" in response.json()["detail"]
+    with pytest.raises(om.OmnimirrorError, match="the report requires an aligned mirror"):
+        sensor_report(sensor, lambda step, fraction: None)
 
 
 def test_rendered_image_includes_misalignment(client):
@@ -642,33 +633,3 @@ def test_sensor_is_designed_from_requirements(client):
     assert message["message"] == "All requirements are met."
     assert message["sensor"]["tables"]["mirror"]["kind"] == "equidistant"
     assert tomllib.loads(toml(message["sensor"]["tables"]))["mirror"]["omega_max_deg"] == 130.0
-
-
-def test_progress_is_reported(client, monkeypatch):
-    is_started, is_released = threading.Event(), threading.Event()
-
-    def slowly(sensor, folder, on_progress):
-        logging.getLogger("omnimirror.apps.reports").info("Rendering the image")
-        on_progress(25, 100)
-        is_started.set()
-        assert is_released.wait(60)
-        (path := Path(folder) / "report.html").write_text("made")
-        return path
-
-    monkeypatch.setattr(report, "write_demo", slowly)
-    body = {
-        "tables": tables_of(om.load_sensor("paper-spherical")),
-        "kind": "report",
-        "object_distance_mm": None,
-    }
-    assert client.post("/api/bench/making", json=body).json() is None
-    with ThreadPoolExecutor() as pool:
-        future = pool.submit(client.post, "/api/bench/file", json=body)
-        assert is_started.wait(60)
-        status = client.post("/api/bench/making", json=body).json()
-        other_status = client.post("/api/bench/making", json={**body, "kind": "drawing"}).json()
-        is_released.set()
-        assert future.result().text == "made"
-    assert status == {"message": "Rendering the image", "fraction": 0.25}
-    assert other_status is None
-    assert client.post("/api/bench/making", json=body).json() is None

@@ -143,7 +143,7 @@ def test_invalid_tolerance_requests_are_rejected(client, path, body, message):
 
 
 def open_errors(page):
-    page.get_by_role("button", name="Set errors").click()
+    page.get_by_role("button", name="Analyse tolerances").click()
     page.wait_for_function(IS_IDLE)
 
 
@@ -200,7 +200,7 @@ def test_errors_follow_design_and_end_with_panel(bench):  # noqa: F811
     bench.wait_for_function(IS_IDLE)
     assert bench.get_by_label("Mirror conic", exact=True).count() == 0
     assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
-    bench.get_by_role("button", name="Close errors").click()
+    bench.get_by_role("button", name="Close tolerances").click()
     assert bench.locator("figure.tolerances").is_hidden()
 
 
@@ -248,7 +248,7 @@ def test_link_contains_displayed_errors(bench, browser):  # noqa: F811
         assert page.get_by_label("Mirror tilt x", exact=True).input_value() == "0"
         page.evaluate("location.hash = location.hash.replace('fine', 'finest')")
         page.get_by_text("The errors in the address are invalid").wait_for()
-        page.get_by_role("button", name="Close errors").click()
+        page.get_by_role("button", name="Close tolerances").click()
         page.wait_for_function("!location.hash.includes('errors')")
 
 

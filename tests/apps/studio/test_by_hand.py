@@ -148,7 +148,7 @@ def test_limits_are_plotted_and_draggable(bench):  # noqa: F811
     limit = bench.evaluate(f"{CURRENT_DESIGN}.requirements.limit[0]")
     assert limit["quantity"] == "total_blur_px"
     assert 5.5 < limit["at_most"] < 9
-    assert bench.get_by_label("total_blur_px at most").input_value() == f"{limit['at_most']:g}"
+    assert bench.get_by_label("Total blur at most").input_value() == f"{limit['at_most']:g}"
     omega, blur = plot_values(bench, "Total blur")
     sensor = sensor_on(bench)
     result = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega)))
@@ -160,7 +160,7 @@ def test_limits_are_plotted_and_draggable(bench):  # noqa: F811
 def test_slider_displays_feasible_range(bench):  # noqa: F811
     bench.get_by_role("button", name="Add a requirement").click()
     wait_for_response(bench)
-    enter_value(bench, "total_blur_px at most", "8.5")
+    enter_value(bench, "Total blur at most", "8.5")
     bench.wait_for_function("document.querySelector('#design .marks .met')")
     title = bench.get_by_label("F-number, slider", exact=True).get_attribute("title")
     low, high = map(float, re.search(r"are met at ([\d.]*\d) to ([\d.]*\d)", title).groups())

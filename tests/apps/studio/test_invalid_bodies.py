@@ -66,7 +66,6 @@ BODIES: dict[str, Any] = {
     "/api/sensor-file": FITTED,
     "/api/bench/slides": {**DESIGN, "requirements": REQUIRED, "sliders": SLIDES},
     "/api/bench/change": {"tables": TABLES, **DISTANCE, "target": "mirror", "to": "cone"},
-    "/api/bench/making": {"tables": TABLES, **DISTANCE, "kind": "table"},
     "/api/bench/file": {"tables": TABLES, **DISTANCE, "kind": "sensor"},
     "/api/bench/requirements": {"tables": TABLES, "requirements": REQUIRED},
     "/api/bench/image": {"tables": TABLES, "width_px": 32, "samples": 1},
@@ -106,6 +105,20 @@ SOCKETS: dict[str, Any] = {
         "include_section": False,
         "include_squares": False,
         "requirements": REQUIRED,
+    },
+    "/api/bench/export/run": {
+        "tables": TABLES,
+        "requirements": REQUIRED,
+        **DISTANCE,
+        "formats": ["csv"],
+        "is_archive": False,
+        "workshop": {"mirror": {"form_um": 0.2}},
+        "tolerances": {
+            "errors": ALLOWED,
+            "refocus": "none",
+            "merit": "motion_px",
+            "limit": 3.0,
+        },
     },
     "/api/bench/work": {
         "kind": "design",

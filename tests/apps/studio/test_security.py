@@ -6,6 +6,7 @@ import asyncio
 import base64
 import errno
 import hashlib
+import json
 import os
 import resource
 import socket
@@ -13,6 +14,7 @@ import struct
 import threading
 import time
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from io import BytesIO
@@ -32,13 +34,14 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 import omnimirror as om
-from omnimirror.apps.studio import _server_state, _uploads
-from omnimirror.apps.studio._bench_files import coarser
+from omnimirror.apps.studio import _look_routes, _server_state, _uploads
+from omnimirror.apps.studio._bench_files import coarser, sensor_report
+from omnimirror.apps.studio._bench_sensors import sensor_on_bench
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio._server_state import Sources, Studio
 from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.bench_messages import SearchTask
-from omnimirror.base.errors import MediaError
+from omnimirror.base.errors import InvalidParameter, MediaError
 from omnimirror.interop.http_server import limits, server
 from omnimirror.interop.http_server.auth import (
     AccessGuard,
@@ -54,6 +57,7 @@ from tests.serving import in_a_loop
 
 from .browser import open_page, serving
 from .test_bench_page import WITHOUT_IMAGES
+from .test_invalid_bodies import FITTED
 
 LOCAL = "http://127.0.0.1"
 SECRET = "1.25, 2.5"
@@ -560,10 +564,8 @@ def test_image_size_of_page_limits_memory(size, client):
             response.status_code,
             "must have at most 16 million pixels" in response.json()["detail"],
         ) == (400, True)
-    report = client.post(
-        "/api/bench/file", json={"tables": tables, "kind": "report", "object_distance_mm": None}
-    )
-    assert (report.status_code, f"{width} x {height} px" in report.json()["detail"]) == (400, True)
+    with pytest.raises(InvalidParameter, match=f"{width} x {height} px"):
+        sensor_report(sensor_on_bench(tables), lambda step, fraction: None)
     small = coarser(om.load_sensor("paper-spherical"), 64)
     assert max(coarser(replace(small, imager=Imager(*size, 1.0)), 64).imager.size) == 64
 
@@ -617,6 +619,74 @@ def test_work_is_sequential_and_repeatable():
 
     assert in_a_loop(run_tasks()) == "again"
     assert runs == ["begin a", "end a", "begin b", "end b"] * 2
+
+
+def test_pages_are_served_in_turn():
+    """Ten jobs of one page delay the job of another page by one job only."""
+    runs: list[str] = []
+
+    async def run_tasks():
+        queue = limits.JobQueue()
+
+        async def of_page(page: str, job: int) -> None:
+            limits.current_page.set(page)
+            await queue.run((page, job), lambda: runs.append(f"{page}{job}"))
+
+        tasks = [asyncio.create_task(of_page("a", job)) for job in range(10)]
+        tasks += [asyncio.create_task(of_page("b", job)) for job in range(2)]
+        await asyncio.gather(*tasks)
+
+    in_a_loop(run_tasks())
+    assert runs[:5] == ["a0", "a1", "b0", "a2", "b1"]
+    assert runs[5:] == [f"a{job}" for job in range(3, 10)]
+
+
+def test_cancelled_waiting_client_keeps_no_slot():
+    async def run_tasks():
+        slots = limits.FairSlots()
+        order: list[str] = []
+
+        async def hold(name: str) -> None:
+            async with slots.held(name):
+                order.append(name)
+                await asyncio.sleep(0.01)
+
+        tasks = [asyncio.create_task(hold(name)) for name in "abc"]
+        await asyncio.sleep(0)
+        tasks[1].cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        assert not slots.is_full
+        return order
+
+    assert in_a_loop(run_tasks()) == ["a", "c"]
+
+
+def test_restoration_and_outline_search_do_not_block_each_other(client, monkeypatch):
+    """A restoration of one page continues while another page converts and detects images."""
+    is_started, is_released = threading.Event(), threading.Event()
+
+    def restored(*args):
+        is_started.set()
+        assert is_released.wait(60)
+        return b"", ""
+
+    monkeypatch.setattr(_look_routes, "restore_image", restored)
+    message = {**FITTED, "name": "a.png", "object_distance_mm": None}
+    header = json.dumps(message).encode()
+    body = (
+        struct.pack("<I", len(header))
+        + header
+        + cv2.imencode(".png", np.zeros((8, 8, 3)))[1].tobytes()
+    )
+    with ThreadPoolExecutor() as pool:
+        restoration = pool.submit(client.post, "/api/restore", content=body)
+        assert is_started.wait(60)
+        tiff = cv2.imencode(".tif", np.zeros((4, 4, 3), np.uint16))[1].tobytes()
+        assert client.post("/api/convert", content=tiff).status_code == 200
+        assert client.get("/api/room", params={"id": "paper-spherical"}).status_code == 200
+        assert not restoration.done()
+        is_released.set()
+        assert restoration.result().status_code == 200
 
 
 def test_full_disk_is_reported(client, monkeypatch):

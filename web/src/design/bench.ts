@@ -11,6 +11,7 @@ import { type Evaluation, type EvaluationOptions, optionsOf } from "./evaluation
 import { CurveEditing } from "./handles/curve_editing";
 import type { Host } from "./host";
 import { bindKeys } from "./keys";
+import { ExportDialog } from "./panels/export";
 import { Form } from "./panels/form";
 import { RequirementsPanel } from "./panels/requirements";
 import { WorkPanel } from "./panels/search";
@@ -49,6 +50,7 @@ export class Bench {
   private readonly work: WorkPanel;
   private readonly tolerances: TolerancesPanel;
   private readonly toolbar: Toolbar;
+  private readonly exportDialog: ExportDialog;
 
   constructor(
     private readonly host: Host,
@@ -75,7 +77,7 @@ export class Bench {
       now: () => this.history.now,
       summary: () => this.evaluations[0]?.summary ?? null,
       edit: (design: Design) => this.edit(this.own(design)),
-      settle: () => this.settle(),
+      settle: (control?: string | null) => this.settle(control),
       change: (target: "mirror" | "lens" | "focus", to: string) =>
         background(this.change(target, to)),
       take: (evaluations: BenchSensor, words: string) => this.take(evaluations, words),
@@ -85,7 +87,8 @@ export class Bench {
     this.requirements = new RequirementsPanel(panel("Requirements"), parts, callbacks);
     this.work = new WorkPanel(panel("Optimise"), parts, {
       ...callbacks,
-      take: (evaluations) => this.takeResult(evaluations),
+      take: (sensor, isOptimised) => this.takeResult(sensor, isOptimised),
+      relax: (requirements) => this.takeDesign({ ...this.history.now, requirements }),
     });
     const settings = {
       now: callbacks.now,
@@ -98,7 +101,7 @@ export class Bench {
       now: () => this.unbundled(this.history.now),
       ask: (from, edit) => this.evaluator.ask(0, { ...this.options(from), edit }),
       isPending: () => this.evaluator.isPending(0),
-      settle: () => this.settleEdited(),
+      settle: (control) => this.settleEdited(control),
     });
     this.plotArea = new PlotArea(host.place, parts.columns, parts.quantities, {
       take: (i) => this.takePin(i),
@@ -107,11 +110,16 @@ export class Bench {
       curveEditing: this.curveEditing,
       limits: {
         set: (limit, side, value) => this.setLimit(limit, { [side]: value }),
-        settle: () => this.settle(),
+        settle: (control) => this.settle(control),
       },
     });
     this.plotArea.lead(this.tolerances.charts.element);
     host.place.append(aside, this.plotArea.element);
+    this.exportDialog = new ExportDialog(host.place, {
+      now: callbacks.now,
+      tolerances: () => this.tolerances.plan,
+      fail: (e) => this.fail(e),
+    });
     if (supply.alone) [host.place, host.header].forEach(hideComputed);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.plotArea.recolour();
@@ -126,7 +134,7 @@ export class Bench {
       isShown: host.isShown,
       undo: () => this.undo(),
       redo: () => this.redo(),
-      save: () => background(this.toolbar.download("sensor")),
+      save: () => background(this.toolbar.saveSensor()),
     });
   }
 
@@ -181,8 +189,8 @@ export class Bench {
   }
 
   /** Commit the current state of the design. */
-  settle(): void {
-    if (this.history.settle()) this.store();
+  settle(control: string | null = null): void {
+    if (this.history.settle(control)) this.store();
     this.toolbar.show();
   }
 
@@ -198,20 +206,20 @@ export class Bench {
     if (words) this.host.say(words);
   }
 
-  /** Load the result of a search, and pin the previous design. */
-  private takeResult(sensor: BenchSensor): void {
+  /** Load the result of a search; the previous design of an optimisation is pinned. */
+  private takeResult(sensor: BenchSensor, isOptimised: boolean): void {
     const before = this.history.now;
-    const isFull =
-      this.pins.length >= MAX_PINS || this.pins.some((p) => p.design.tables === before.tables);
-    if (!isFull) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
+    const isPinned = this.pins.some((p) => p.design.tables === before.tables);
+    const isStored = isOptimised && !isPinned && this.pins.length < MAX_PINS;
+    if (isStored) this.pins = [...this.pins, { name: `${nameOf(before)}, before`, design: before }];
     this.take(
       sensor,
-      isFull
-        ? "Search complete"
-        : "Search complete; the previous design is pinned, and plots display the difference",
+      isStored
+        ? "Search complete; the previous design is pinned for comparison"
+        : "Search complete; Undo restores the previous design",
     );
-    this.pinsChanged();
-    this.plotArea.compareBy(!isFull);
+    if (isStored) this.pinsChanged();
+    this.plotArea.compareBy(false);
   }
 
   takeDesign(design: Design): void {
@@ -235,6 +243,11 @@ export class Bench {
     this.history.redo();
     this.takeDesign(this.history.now);
     this.store();
+  }
+
+  openExport(): void {
+    this.settle();
+    background(this.exportDialog.open());
   }
 
   async change(target: "mirror" | "lens" | "focus", to: string): Promise<void> {
@@ -272,9 +285,9 @@ export class Bench {
     this.form.show(this.history.now);
   }
 
-  private settleEdited(): void {
+  private settleEdited(control: string | null): void {
     this.form.begin(this.history.now);
-    this.settle();
+    this.settle(control);
     this.ask(); // an infeasible point can invalidate the displayed design
   }
 

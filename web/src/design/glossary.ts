@@ -13,8 +13,8 @@ const TERMS: [term: string, meaning: string][] = [
     "tangential (along the image radius) and sagittal (perpendicular to it); the virtual images are at different distances (astigmatism)",
   ],
   [
-    "T∞, T5M",
-    "tangential virtual images of objects at infinity and at five rim radii M; S∞ and S5M: sagittal",
+    "T, ∞ and T, 5 M",
+    "tangential virtual images of objects at infinity and at five rim radii M; S: sagittal",
   ],
   ["Rim radius, M", "half of the mirror diameter"],
   ["Object at ∞", "infinite object distance; plots are computed for the distance under Objects"],
@@ -23,8 +23,13 @@ const TERMS: [term: string, meaning: string][] = [
     "Freeform",
     "parametrisation of the optimised mirror profile; terms: number of its coefficients",
   ],
+  ["Maximum blur", "largest tangential or sagittal blur over the field, from geometrical optics"],
   [
-    "Starts",
+    "Total blur",
+    "the same with the diffraction of the lens: root of the sum of squares of blur and Airy disc; therefore slightly larger than the maximum blur",
+  ],
+  [
+    "Number of starts",
     "number of starting points of the search; more starts take longer and find the global optimum more reliably",
   ],
   [

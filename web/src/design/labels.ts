@@ -1,7 +1,13 @@
 /** Displayed names of units, parameters and quantities. */
 import type { QuantityInfo } from "../shared/messages";
 
-const UNITS: Record<string, string> = { deg: "°", um: "µm", deg2: "deg²", "px/deg": "px/°" };
+const UNITS: Record<string, string> = {
+  deg: "°",
+  um: "µm",
+  deg2: "deg²",
+  "g/cm3": "g/cm³",
+  "px/deg": "px/°",
+};
 export const unitWords = (unit: string): string => UNITS[unit] ?? unit;
 
 /** Return the name of a parameter without its unit. */
@@ -17,10 +23,19 @@ export const label = (name: string): string => {
     .replace(/^./, (c) => c.toUpperCase());
 };
 
-/** Return the message with the label of a parameter instead of its name at the start, and a capital. */
-export const labelledMessage = (message: string): string =>
+/** Internal name in a message: words joined by underscores, with an optional part such as "Mirror.". */
+const INTERNAL = /(?<![\w.-])(?:[A-Za-z]+\.)?([a-z][a-z0-9]*(?:_[a-z0-9]+)+)(?![\w-])/g;
+
+/** Return the message with the titles of quantities and the labels of parameters instead of internal names, and a capital. */
+export const labelledMessage = (
+  message: string,
+  vocabulary: readonly Pick<QuantityInfo, "name" | "title">[] = [],
+): string =>
   message
-    .replace(/^([a-z]\w*_(?:mm|um|deg|px)|(?:working_)?f_number)(?= must )/, label)
+    .replace(INTERNAL, (_, name: string, at: number) => {
+      const text = vocabulary.find((q) => q.name === name)?.title ?? label(name);
+      return at && /^[A-Z][a-z]/.test(text) ? text[0].toLowerCase() + text.slice(1) : text;
+    })
     .replace(/^./, (c) => c.toUpperCase());
 
 /** Return the title of a quantity with its unit. */

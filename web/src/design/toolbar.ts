@@ -1,20 +1,10 @@
 import { background } from "../shared/background";
-import * as api from "../shared/api";
 import { allow, h, save } from "../shared/dom";
 import { checkReadable } from "../shared/media";
-import type { BenchSensor, FileRequest } from "../shared/messages";
+import type { BenchSensor } from "../shared/messages";
 import type { Design, Tables } from "./model/design";
 import type { Host } from "./host";
 import * as supply from "./data_source";
-
-const ASKED_EVERY_MS = 400; // interval of progress requests, ms
-const FILES: [FileRequest["kind"], string][] = [
-  ["sensor", "Sensor file (TOML)"],
-  ["report", "Report (HTML)"],
-  ["drawing", "Drawing (PDF)"],
-  ["table", "Evaluation (CSV)"],
-  ["sag", "Sag table (CSV)"],
-];
 
 /** Interface of the bench for the toolbar. */
 interface Callbacks {
@@ -25,6 +15,7 @@ interface Callbacks {
   pin: () => void;
   take: (sensor: BenchSensor, words: string) => void;
   takeRequirements: (requirements: Tables) => void;
+  openExport: () => void;
   fail: (e: unknown) => void;
 }
 
@@ -51,13 +42,6 @@ export class Toolbar {
     "aria-label": "Sensor or requirement file",
     id: "design-file",
   });
-  private readonly menu = h("details", { className: "menu", "data-computes": "" });
-  private readonly summary = h("summary", { role: "button" }, "Download");
-  private readonly requirements = h(
-    "button",
-    { type: "button", onclick: () => background(this.downloadRequirements()) },
-    "Requirements (TOML)",
-  );
 
   constructor(
     private readonly host: Host,
@@ -68,10 +52,6 @@ export class Toolbar {
       if (file) background(this.open(file, file.name));
       this.file.value = "";
     });
-    const items = FILES.map(([kind, title]) =>
-      h("button", { type: "button", onclick: () => background(this.download(kind)) }, title),
-    );
-    this.menu.append(this.summary, h("div", { className: "items" }, ...items, this.requirements));
     const nav = (title: string, className: string, ...children: (Node | string)[]): HTMLElement =>
       h("nav", { "aria-label": title, className, "data-tab": "design" }, ...children);
     host.header.append(
@@ -97,7 +77,16 @@ export class Toolbar {
         "Export the design",
         "keep",
         h("button", { type: "button", onclick: () => bench.pin() }, "Pin"),
-        this.menu,
+        h(
+          "button",
+          {
+            type: "button",
+            title: "Files for manufacturing, lens files, tables and reports",
+            "data-computes": "",
+            onclick: () => bench.openExport(),
+          },
+          "Export…",
+        ),
         h(
           "button",
           {
@@ -110,18 +99,12 @@ export class Toolbar {
         ),
       ),
     );
-    document.addEventListener(
-      "click",
-      (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false),
-    );
-    this.menu.addEventListener("keydown", (e) => e.key === "Escape" && (this.menu.open = false));
     this.bindDropping();
   }
 
   show(): void {
     allow(this.undo, this.bench.history.canUndo ? null : "There is no change to undo.");
     allow(this.redo, this.bench.history.canRedo ? null : "There is no change to redo.");
-    this.requirements.hidden = this.bench.history.now.requirements === null;
   }
 
   /** Open a sensor file or a requirement file. */
@@ -140,59 +123,22 @@ export class Toolbar {
     });
   }
 
-  async download(kind: FileRequest["kind"]): Promise<void> {
-    this.menu.open = false;
+  /** Save the sensor file. */
+  async saveSensor(): Promise<void> {
+    await this.try(async () => {
+      const { blob, name } = await this.sensorFile();
+      save(blob, name);
+    });
+  }
+
+  private sensorFile(): Promise<{ blob: Blob; name: string }> {
     const { tables, distance } = this.bench.history.now;
-    if (this.summary.getAttribute("aria-busy") === "true")
-      return this.host.say("The previous file is still being written");
-    const request: FileRequest = { tables, kind, object_distance_mm: distance };
-    const stop = this.telling(request);
-    try {
-      await this.try(async () => {
-        const { blob, name } = await supply.download(request);
-        save(blob, name);
-      });
-    } finally {
-      stop();
-    }
-  }
-
-  /** Display the progress of a file; reports take several seconds. */
-  private telling(request: FileRequest): () => void {
-    const busy = (isBusy: boolean, words: string, title = ""): void => {
-      Object.assign(this.summary, { textContent: words, title });
-      this.summary.setAttribute("aria-busy", String(isBusy));
-    };
-    let isMade = false;
-    busy(true, "Writing the file…");
-    const timer = setInterval(async () => {
-      const now = await api.making(request).catch(() => null);
-      if (now && !isMade)
-        busy(true, `Writing the file: ${Math.round(100 * now.fraction)} %`, now.message);
-    }, ASKED_EVERY_MS);
-    return () => {
-      isMade = true;
-      clearInterval(timer);
-      busy(false, "Download");
-    };
-  }
-
-  private async downloadRequirements(): Promise<void> {
-    this.menu.open = false;
-    const { tables, requirements } = this.bench.history.now;
-    await this.try(async () =>
-      save(await api.requirements({ tables, requirements: requirements! }), "requirements.toml"),
-    );
+    return supply.download({ tables, kind: "sensor", object_distance_mm: distance });
   }
 
   private async look(): Promise<void> {
-    const { tables, distance } = this.bench.history.now;
     await this.try(async () => {
-      const { blob, name } = await supply.download({
-        tables,
-        kind: "sensor",
-        object_distance_mm: distance,
-      });
+      const { blob, name } = await this.sensorFile();
       await this.host.lookThrough(blob, name);
     });
   }

@@ -10,10 +10,10 @@ import type {
   CameraRequest,
   CameraInfo,
   DesignChange,
+  ExportStart,
   FileRequest,
   ErrorSourcesRequest,
   ErrorSourceList,
-  FileProgress,
   LevelRequest,
   EstimatedTilt,
   ImportedFile,
@@ -126,9 +126,7 @@ export async function download(request: FileRequest): Promise<{ blob: Blob; name
   return { blob: await answer.blob(), name };
 }
 
-/** Request the progress of a file export; null before its start and after its end. */
-export const making = (request: FileRequest): Promise<FileProgress | null> =>
-  json(posted("api/bench/making", request));
+export const exportStart = (): Promise<ExportStart> => getJson("api/bench/export");
 
 /** Request the rendered image of a room for a design, and its panorama. */
 export async function renderRoom(request: RenderRequest): Promise<{ image: Blob; panorama: Blob }> {
@@ -196,9 +194,13 @@ function to(path: string, query: Query): string {
     : path;
 }
 
+/** Identifier of the page, with which the server schedules requests of several pages fairly. */
+const PAGE = String(Math.random()).slice(2);
+
 /** Send a request; a rejection throws its message. */
-async function ask(url: string, init?: RequestInit): Promise<Response> {
-  const answer = await fetch(url, init).catch((e: unknown) => {
+async function ask(url: string, init: RequestInit = {}): Promise<Response> {
+  const headers = { ...init.headers, "omnimirror-page": PAGE };
+  const answer = await fetch(url, { ...init, headers }).catch((e: unknown) => {
     if (e instanceof DOMException && e.name === "AbortError") throw e; // cancelled by the caller
     throw new ServerUnavailable(SERVER_UNAVAILABLE);
   });
@@ -238,17 +240,19 @@ export class ServerTask<TaskStatus> {
     return this.socket !== null;
   }
 
-  /** Send requests and receive messages until the end; `cutOff` is called if the connection fails. */
+  /** Send requests and receive messages until the end; `cutOff` is called if the connection fails, and `onFile` for bytes. */
   begin(
     path: string,
     request: unknown[],
     onStatus: (news: TaskStatus) => void,
     cutOff: () => void,
+    onFile: (file: Blob) => void = () => undefined,
   ): void {
     this.end();
     const socket = (this.socket = new WebSocket(socketAddress(path)));
     socket.onopen = () => request.forEach((message) => socket.send(JSON.stringify(message)));
-    socket.onmessage = (e: MessageEvent<string>) => onStatus(JSON.parse(e.data) as TaskStatus);
+    socket.onmessage = ({ data }: MessageEvent<string | Blob>) =>
+      typeof data === "string" ? onStatus(JSON.parse(data) as TaskStatus) : onFile(data);
     socket.onclose = () => this.socket === socket && cutOff();
   }
 

@@ -201,7 +201,7 @@ export interface CalibrationResult {
 
 /** Progress of a calibration: status, estimated camera, report, or error. */
 export interface CalibrationStatus {
-  state: "running" | "done" | "reported" | "failed";
+  state: "waiting" | "running" | "done" | "reported" | "failed";
   message: string;
   fraction: number | null;
   result: CalibrationResult | null;
@@ -383,17 +383,57 @@ export interface EstimatedTilt {
   is_reliable: boolean;
 }
 
-/** Progress of a file export. */
-export interface FileProgress {
-  message: string;
-  /** completed fraction */
-  fraction: number;
+/** Formats of the export, and entries of the workshop data. */
+export interface ExportStart {
+  formats: ExportableFile[];
+  workshop: WorkshopSection[];
+  /** how to install the missing packages */
+  remedy: string | null;
 }
 
-/** Download request for a file of a design. */
+/** Progress of an export; the last one is followed by the bytes of the file. */
+export interface ExportStatus {
+  state: "waiting" | "running" | "done" | "failed";
+  message: string;
+  /** completed fraction */
+  fraction: number | null;
+  /** section and entry of the workshop data that an error concerns */
+  entry: [string, string] | null;
+  /** name of the file */
+  name: string | null;
+  /** missing entries, conflicts and inaccuracies */
+  remarks: string[];
+}
+
+/** Export of one or several files of a design. */
+export interface ExportTask {
+  tables: Record<string, any>;
+  requirements: Record<string, any> | null;
+  /** null: infinite */
+  object_distance_mm: number | null;
+  formats: string[];
+  /** whether to return an archive with a README */
+  is_archive: boolean;
+  /** workshop data by section; null and missing entries have their defaults */
+  workshop: Record<string, any>;
+  /** tolerances of the report and of drawings; null: medium grade in the report, and none in drawings */
+  tolerances: TolerancePlanMessage | null;
+}
+
+/** File that the export offers. */
+export interface ExportableFile {
+  name: string;
+  title: string;
+  /** whether it is part of the archive by default */
+  is_for_manufacturing: boolean;
+  /** required packages that are not installed */
+  missing: string[];
+}
+
+/** Download request for a small file of a design. */
 export interface FileRequest {
   tables: Record<string, any>;
-  kind: "sensor" | "table" | "sag" | "drawing" | "report";
+  kind: "sensor" | "table";
   object_distance_mm: number | null;
 }
 
@@ -520,6 +560,21 @@ export interface QuantityInfo {
   title: string;
   meaning: string;
   equation: string;
+}
+
+/** Relaxation of one or several requirements with which a design meets all of them. */
+export interface RelaxationOption {
+  values: RelaxedValue[];
+  /** relaxed requirements */
+  requirements: Record<string, any>;
+}
+
+/** Relaxed value of one requirement. */
+export interface RelaxedValue {
+  name: string;
+  unit: string;
+  requested: number;
+  needed: number;
 }
 
 /** Header of two JPEG files: image and panorama. */
@@ -702,19 +757,49 @@ export interface TableLayout {
 
 /** Progress of a task. */
 export interface TaskStatus {
-  state: "running" | "done" | "failed";
+  state: "waiting" | "running" | "done" | "failed";
   message: string;
   /** completed fraction */
   fraction: number | null;
   /** current merit */
   value: number | null;
+  /** result; without relaxations while running */
   sensor: BenchSensor | null;
+  relaxations: RelaxationOption[];
+}
+
+/** Tolerances and the limit of one merit. */
+export interface TolerancePlanMessage {
+  errors: ToleranceValue[];
+  refocus: "none" | "rms" | "worst";
+  merit: string;
+  limit: number;
 }
 
 /** Error source with its tolerance. */
 export interface ToleranceValue {
   name: string;
   tolerance: number;
+}
+
+/** Entry of the workshop data: text with a maximum length, or number with a range. */
+export interface WorkshopEntry {
+  name: string;
+  label: string;
+  unit: string;
+  description: string;
+  default: string | number | null;
+  /** maximum length of a text; null for a number */
+  max_length: number | null;
+  low: number | null;
+  high: number | null;
+}
+
+/** Table of the workshop data. */
+export interface WorkshopSection {
+  name: string;
+  title: string;
+  entries: WorkshopEntry[];
 }
 
 /** Request for a yield prediction. */

@@ -1,5 +1,4 @@
-"""File import and export of the bench: sensors, requirements, reports, drawings, tables and
-rendered images."""
+"""File import and export of the bench: sensors, requirements, reports, tables and rendered images."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ import tomli_w
 from ...analysis.evaluation import evaluate
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import parse_toml
-from ...base.logs import forward_steps
+from ...base.logs import combine_steps
 from ...base.toml_validation import SourceLocator
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
@@ -103,12 +102,8 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- download --------------------------------------------------------------------------------------
 
 
-def downloaded(
-    requested: FileRequest, on_progress: Callable[[str, float], None] = lambda what, share: None
-) -> File:
-    """Create a file of a design, as written by ``omnimirror evaluate``, ``export`` and ``demo``.
-
-    For reports, ``on_progress`` receives the current step and the completed fraction.
+def downloaded(requested: FileRequest) -> File:
+    """Create a small file of a design, as written by ``omnimirror evaluate``.
 
     Raises
     ------
@@ -116,88 +111,62 @@ def downloaded(
         If the sensor is invalid or has no such file.
     """
     sensor = sensor_on_bench(requested.tables)
-    if requested.kind in OF_ONE_MERIDIAN and not sensor.is_axial:
-        what = OF_ONE_MERIDIAN[requested.kind]
-        raise InvalidParameter(
-            f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first"
-        )
-    return (
-        _report(sensor, on_progress)
-        if requested.kind == "report"
-        else KINDS[requested.kind](sensor, requested)
+    if requested.kind == "sensor":
+        return File(f"{stem_of(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
+    return evaluation_table(sensor, distance_of(requested.object_distance_mm))
+
+
+def evaluation_table(sensor: Sensor, object_distance_mm: float) -> File:
+    """Return the evaluation at equidistant field angles as CSV.
+
+    Raises
+    ------
+    InvalidParameter
+        If the mirror is misaligned.
+    """
+    check_axial(sensor, "the evaluation")
+    result = evaluate(
+        sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=object_distance_mm
     )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{stem_of(sensor)}-evaluation.csv"
+        result.to_csv(path)
+        return File(path.name, "text/csv", path.read_bytes())
 
 
-def _sensor_file(sensor: Sensor, requested: FileRequest) -> File:
-    return File(f"{_stem(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
+def sensor_report(sensor: Sensor, on_progress: Callable[[str, float], None]) -> File:
+    """Return the report of ``omnimirror demo``; ``on_progress`` receives the current step and the
+    completed fraction.
 
-
-def _table(sensor: Sensor, requested: FileRequest) -> File:
-    distance = distance_of(requested.object_distance_mm)
-    result = evaluate(sensor, np.linspace(*sensor.field_deg, ROWS), object_distance_mm=distance)
-    return _written(f"{_stem(sensor)}-evaluation.csv", "text/csv", result.to_csv)
-
-
-def _sag(sensor: Sensor, requested: FileRequest) -> File:
-    return _exported(sensor, f"{_stem(sensor)}-sag.csv", "text/csv")
-
-
-def _drawing(sensor: Sensor, requested: FileRequest) -> File:
-    return _exported(sensor, f"{_stem(sensor)}.pdf", "application/pdf")
-
-
-def _report(sensor: Sensor, on_progress: Callable[[str, float], None]) -> File:
+    Raises
+    ------
+    InvalidParameter
+        If the mirror is misaligned or the imager is too large.
+    """
     from ..reports import write_demo
 
+    check_axial(sensor, "the report")
     width, height = sensor.imager.size
     if max(width, height) > MAX_SIDE_PX:
         raise InvalidParameter(
             f"the imager of a report must have at most {MAX_SIDE_PX} px per side; got "
             f"{width} x {height} px; omnimirror demo supports larger imagers"
         )
-    with tempfile.TemporaryDirectory() as folder:
-        step = ""
-
-        def on_step(name: str) -> None:
-            nonlocal step
-            step = name
-
-        def report(done: int, total: int | None) -> None:
-            on_progress(step, done / (total or 1))
-
-        with forward_steps(on_step):
-            data = write_demo(sensor, folder, on_progress=report).read_bytes()
-    return File(f"{_stem(sensor)}-report.html", "text/html", data)
+    with tempfile.TemporaryDirectory() as folder, combine_steps(on_progress) as report:
+        data = write_demo(sensor, folder, on_progress=report).read_bytes()
+    return File(f"{stem_of(sensor)}-report.html", "text/html", data)
 
 
-KINDS: dict[str, Callable[[Sensor, FileRequest], File]] = {
-    "sensor": _sensor_file,
-    "table": _table,
-    "sag": _sag,
-    "drawing": _drawing,
-}
-SLOW_KINDS = ("drawing", "report")
+def check_axial(sensor: Sensor, what: str) -> None:
+    """Reject a misaligned sensor for files of quantities that are valid in any meridian."""
+    if not sensor.is_axial:
+        raise InvalidParameter(
+            f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first"
+        )
 
 
-OF_ONE_MERIDIAN = {"table": "the evaluation", "report": "the report"}
-"""Files of rotationally symmetric quantities, valid in any meridian."""
-
-
-def _exported(sensor: Sensor, name: str, kind: str) -> File:
-    from ...manufacturing.exporter import export
-
-    return _written(name, kind, lambda path: export(sensor, path))
-
-
-def _written(name: str, kind: str, write: Callable[[Path], object]) -> File:
-    """Return the bytes that a function writes to a path."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / name
-        write(path)
-        return File(name, kind, path.read_bytes())
-
-
-def _stem(sensor: Sensor) -> str:
+def stem_of(sensor: Sensor) -> str:
+    """Return the stem of the file names of a sensor."""
     return safe_name(sensor.name)
 
 

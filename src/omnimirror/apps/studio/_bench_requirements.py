@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,12 @@ from ...analysis.evaluation import Evaluation
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...design.merits import values_of_evaluation
 from ...design.mirror_construction import FAMILIES
+from ...design.optimiser import IMAGE
+from ...design.relaxation import Conflict, Relaxation, relaxed
 from ...design.requirement_check import RequirementCheck, check_requirements, evaluations
 from ...design.requirement_files import lens_like, requirements_of
 from ...design.requirements import Requirements
+from ...optics.image_sensor import Imager
 from ...optics.mirrors import Ellipsoid, EvenPolynomial
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor import Sensor
@@ -22,6 +26,8 @@ from ...optics.sensor_files import tables_of
 from ._bench_sensors import aligned_sensor, sensor_on_bench
 from .bench_messages import (
     BlockValues,
+    RelaxationOption,
+    RelaxedValue,
     RequirementResult,
     SliderRequest,
     SliderValues,
@@ -163,6 +169,74 @@ def _result_row(row: RequirementCheck, limit: int) -> RequirementResult:
         part_deg=row.part_deg,
         limit=limit if limit >= 0 else None,
     )
+
+
+# -- Relaxations of infeasible requirements --------------------------------------------------------
+
+
+def relaxation_options(
+    tables: dict[str, Any], requirements: Requirements, conflict: Conflict | None
+) -> tuple[RelaxationOption, ...]:
+    """Return the individual relaxations, smallest first, and the joint one, with the tables of the
+    relaxed requirements.
+
+    Parameters
+    ----------
+    tables, requirements
+        Requested requirements.
+    conflict
+        Result of the search for relaxations; None if all requirements are met.
+    """
+    if conflict is None:
+        return ()
+    groups: list[tuple[Relaxation, ...]] = [(relaxation,) for relaxation in conflict.alone]
+    if len(conflict.joint) > 1:
+        groups.append(conflict.joint)
+    return tuple(
+        RelaxationOption(
+            values=tuple(
+                RelaxedValue(
+                    name=r.name,
+                    unit=r.unit,
+                    requested=r.requested,
+                    needed=r.requested if r.needed is None else r.needed,
+                )
+                for r in group
+            ),
+            requirements=relaxed_tables(tables, requirements, group),
+        )
+        for group in groups
+        if all(r.is_changed for r in group)
+    )
+
+
+def relaxed_tables(
+    tables: dict[str, Any], requirements: Requirements, relaxations: Sequence[Relaxation]
+) -> dict[str, Any]:
+    """Return the tables with some requirements relaxed."""
+    result = deepcopy(tables)
+    changed = relaxed(requirements, relaxations)
+    for r in relaxations:
+        if r.limit is not None:
+            limit = changed.limits[r.limit]
+            for side in ("at_least", "at_most"):
+                if (bound := getattr(limit, side)) is not None:
+                    result["limit"][r.limit][side] = bound
+        elif r.name == IMAGE:
+            result["imager"] = tables_of_imager(changed.imager)
+        else:
+            section = next(
+                name
+                for name in ("field", "mirror", "lens")
+                if hasattr(getattr(requirements, name), r.name)
+            )
+            result.setdefault(section, {})[r.name] = r.needed
+    return result
+
+
+def tables_of_imager(imager: Imager) -> dict[str, Any]:
+    """Return an imager as a table of a requirement file."""
+    return {name: value for name, value in asdict(imager).items() if value is not None}
 
 
 # -- Feasible ranges of sliders --------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse, Response
@@ -12,12 +12,12 @@ from ...base.errors import OmnimirrorError
 from ...base.escaping import http_attachment
 from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
 from ...optics.sensor_files import bundled_sensors, load_sensor
-from ._bench_files import SLOW_KINDS, File, downloaded, opened, requirement_file, taken
+from ._bench_files import downloaded, opened, requirement_file, taken
 from ._bench_requirements import slider_violations
 from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
 from ._http_messages import BYTES, FILE_BODY, FileName
 from ._uploads import safe_name, uploaded_file
-from ._workers import Workers, relay, serve_socket
+from ._workers import Workers, run_task, serve_socket
 from .bench_messages import (
     AsBuiltRequest,
     BenchSensor,
@@ -26,7 +26,9 @@ from .bench_messages import (
     DesignRequest,
     ErrorSourceList,
     ErrorSourcesRequest,
-    FileProgress,
+    ExportStart,
+    ExportStatus,
+    ExportTask,
     FileRequest,
     ImportedFile,
     RenderRequest,
@@ -42,8 +44,8 @@ from .bench_messages import (
 if TYPE_CHECKING:
     from ._server_state import Studio
 
-MAX_SEARCHES = 2
-"""Maximum number of simultaneous searches."""
+MAX_SEARCHES = MAX_EXPORTS = 2
+"""Maximum numbers of simultaneous searches and exports."""
 
 
 def add_bench(app: FastAPI, studio: Studio) -> None:
@@ -51,7 +53,11 @@ def add_bench(app: FastAPI, studio: Studio) -> None:
     _add_questions(app, studio)
     _add_files(app, studio)
     _add_tolerances(app, studio)
-    _add_sockets(app, Workers("omnimirror.apps.studio._search_process", MAX_SEARCHES, "searches"))
+    _add_sockets(
+        app,
+        Workers("omnimirror.apps.studio._search_process", MAX_SEARCHES, "searches"),
+        Workers("omnimirror.apps.studio._export_process", MAX_EXPORTS, "exports"),
+    )
 
 
 def _add_questions(app: FastAPI, studio: Studio) -> None:
@@ -89,32 +95,19 @@ def _add_questions(app: FastAPI, studio: Studio) -> None:
 
 
 def _add_files(app: FastAPI, studio: Studio) -> None:
-    under_way: dict[str, FileProgress] = {}
-
-    def made_slowly(requested: FileRequest, key: str) -> File:
-        def on_progress(message: str, fraction: float) -> None:
-            under_way[key] = FileProgress(message=message, fraction=fraction)
-
-        try:
-            return downloaded(requested, on_progress)
-        finally:
-            under_way.pop(key, None)
-
-    @app.post("/api/bench/making")
-    async def making(requested: FileRequest) -> FileProgress | None:
-        """Return the progress of a requested file."""
-        return under_way.get(requested.model_dump_json())
-
     @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
-    async def file(requested: FileRequest) -> Response:
-        """Return a file of a design: sensor file, tables, drawing or report."""
-        if requested.kind in SLOW_KINDS:
-            key = requested.model_dump_json()
-            content = await studio.reported.run(key, lambda: made_slowly(requested, key))
-        else:
-            content = await asyncio.to_thread(downloaded, requested)
+    def file(requested: FileRequest) -> Response:
+        """Return a small file of a design: sensor file or evaluation."""
+        content = downloaded(requested)
         headers = {"content-disposition": http_attachment(content.name)}
         return Response(content.data, media_type=content.kind, headers=headers)
+
+    @app.get("/api/bench/export")
+    def export_start() -> ExportStart:
+        """Return the formats of the export, and the entries of the workshop data."""
+        from ._export_form import export_start
+
+        return export_start()
 
     @app.post("/api/bench/requirements", response_class=PlainTextResponse)
     def requirements(requested: RequirementFileRequest) -> str:
@@ -157,7 +150,7 @@ def _add_tolerances(app: FastAPI, studio: Studio) -> None:
         )
 
 
-def _add_sockets(app: FastAPI, workers: Workers) -> None:
+def _add_sockets(app: FastAPI, searches: Workers, exports: Workers) -> None:
     @app.websocket("/api/bench/ask")
     async def ask(socket: WebSocket) -> None:
         """Answer evaluation requests; among pending requests of one slot, only the newest is
@@ -168,7 +161,12 @@ def _add_sockets(app: FastAPI, workers: Workers) -> None:
     @app.websocket("/api/bench/work")
     async def work(socket: WebSocket) -> None:
         """Run one task and send its progress; closing the socket cancels it."""
-        await serve_socket(socket, lambda socket: _work(socket, workers))
+        await serve_socket(socket, lambda socket: _work(socket, searches))
+
+    @app.websocket("/api/bench/export/run")
+    async def export(socket: WebSocket) -> None:
+        """Export files, send the progress and then the bytes; closing the socket cancels it."""
+        await serve_socket(socket, lambda socket: _export(socket, exports))
 
 
 async def _answer_newest(socket: WebSocket) -> None:
@@ -212,15 +210,37 @@ async def _listen(
 
 
 async def _work(socket: WebSocket, workers: Workers) -> None:
+    def status(state: Literal["waiting", "failed"], message: str) -> str:
+        return TaskStatus(
+            state=state, message=message, fraction=None, value=None, sensor=None, relaxations=()
+        ).model_dump_json()
+
     try:
         task = await receive_message(socket, SearchTask)
-        async with workers.one() as worker:
-            worker.send(task.model_dump_json())
-            await relay(worker, socket, asyncio.create_task(socket.receive()))
+        waiting = status("waiting", "Waiting for other searches")
+        await run_task(socket, workers, [task.model_dump_json()], waiting)
     except InvalidMessage as e:
         await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
-        failed = TaskStatus(state="failed", message=str(e), fraction=None, value=None, sensor=None)
-        await socket.send_text(failed.model_dump_json())
+        await socket.send_text(status("failed", str(e)))
+    await socket.close()
+
+
+async def _export(socket: WebSocket, workers: Workers) -> None:
+    def status(state: Literal["waiting", "failed"], message: str) -> str:
+        return ExportStatus(
+            state=state, message=message, fraction=None, entry=None, name=None, remarks=()
+        ).model_dump_json()
+
+    try:
+        task = await receive_message(socket, ExportTask)
+        waiting = status("waiting", "Waiting for other exports")
+        if data := await run_task(socket, workers, [task.model_dump_json()], waiting):
+            await socket.send_bytes(data)
+    except InvalidMessage as e:
+        await close_invalid(socket, e)
+        return
+    except OmnimirrorError as e:
+        await socket.send_text(status("failed", str(e)))
     await socket.close()

@@ -15,7 +15,7 @@ from typing import TextIO
 import numpy as np
 
 from ...base.errors import OmnimirrorError
-from ...base.logs import forward_steps
+from ...base.logs import combine_steps
 from ...calibration.estimation import Calibration, calibrate_camera
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
@@ -41,6 +41,9 @@ LABELS = {
     "use --set camera.image_flipped=true": 'select "Camera driver flips images left to right"',
     "camera.image_flipped": '"Camera driver flips images left to right"',
     "camera.optics": '"Optics"',
+    ": --prior NAME=VALUE+-SIGMA.": (
+        "; specify it in the calibration on the command line, which the page displays."
+    ),
 }
 """Labels of the page for command-line options in messages."""
 
@@ -64,7 +67,7 @@ def perform(
         on_progress(
             CalibrationStatus(
                 state="done",
-                message=calibration.summary,
+                message=_plain(calibration.summary),
                 fraction=1.0,
                 result=result_message(calibration),
             )
@@ -98,17 +101,11 @@ def _calibrated(
     on_progress: OnProgress,
     stop: Callable[[], bool],
 ) -> Calibration:
-    status = ""
-
-    def on_step(step: str) -> None:
-        nonlocal status
+    def report(step: str, fraction: float) -> None:
         status = f"{step[:1].upper()}{step[1:]}"
-
-    def progress(done: int, total: int | None) -> None:
-        fraction = done / (total or 1)
         on_progress(CalibrationStatus(state="running", message=status, fraction=fraction))
 
-    with forward_steps(on_step, "omnimirror.calibration"):
+    with combine_steps(report, "omnimirror.calibration") as progress:
         return calibrate_camera(
             detections,
             board,
@@ -171,8 +168,8 @@ def result_message(calibration: Calibration) -> CalibrationResult:
             OutlierCorner(image=o.image, corner=o.corner, residual_px=o.residual_px)
             for o in calibration.outliers
         ),
-        notes=calibration.notes,
-        advice=calibration.advice,
+        notes=tuple(map(_plain, calibration.notes)),
+        advice=tuple(map(_plain, calibration.advice)),
         coverage=coverage_message(calibration.coverage),
         poses=tuple(
             pose_of(s, calibration.model, calibration.board)

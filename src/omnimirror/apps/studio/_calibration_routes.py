@@ -3,7 +3,6 @@ boards."""
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING, Annotated
 
 from fastapi import FastAPI, Query, Request, WebSocket
@@ -14,7 +13,7 @@ from ...interop.http_server.request_bodies import InvalidMessage, close_invalid,
 from ._calibration_boards import together
 from ._http_messages import BYTES, FILE_BODY, unframed
 from ._uploads import uploaded_file
-from ._workers import BoardDetectorPool, Worker, Workers, relay, serve_socket
+from ._workers import BoardDetectorPool, Workers, run_task, serve_socket
 from .calibration_messages import (
     STOP,
     BoardDetection,
@@ -97,22 +96,13 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
 async def _work(socket: WebSocket, workers: Workers) -> None:
     try:
         message = await receive_message(socket, CalibrationRequest)
-        async with workers.one() as worker:
-            worker.send(message.model_dump_json())
-            for _ in range(message.images):
-                detected = await receive_message(socket, BoardDetection)
-                await asyncio.to_thread(worker.send, detected.model_dump_json())
-            await relay(worker, socket, asyncio.create_task(_stopped(socket, worker)))
+        detections = [await receive_message(socket, BoardDetection) for _ in range(message.images)]
+        lines = [part.model_dump_json() for part in (message, *detections)]
+        waiting = CalibrationStatus(state="waiting", message="Waiting for other calibrations")
+        await run_task(socket, workers, lines, waiting.model_dump_json(), (STOP,))
     except InvalidMessage as e:
         await close_invalid(socket, e)
         return
     except OmnimirrorError as e:
         await socket.send_text(CalibrationStatus(state="failed", message=str(e)).model_dump_json())
     await socket.close()
-
-
-async def _stopped(socket: WebSocket, worker: Worker) -> None:
-    """Forward stop requests until the page disconnects."""
-    while (message := await socket.receive())["type"] != "websocket.disconnect":
-        if message.get("text") == STOP:
-            worker.send(STOP)

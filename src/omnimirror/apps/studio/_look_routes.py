@@ -278,7 +278,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         message, image = unframed(await uploaded_file(request), RestoreRequest)
         _known(studio.cameras, message.id)
         sensor = studio.cameras.fitted(message)
-        data, report = await studio.simulated.run(
+        data, report = await studio.restored.run(
             request, lambda: restore_image(sensor, message, image, is_stored)
         )
         return Response(data, media_type="image/png", headers={NOTE: report})

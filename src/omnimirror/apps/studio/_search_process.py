@@ -21,9 +21,9 @@ from ...design.requirements import Requirements
 from ...optics.housing import Housing
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
-from ._bench_requirements import requirements_for
+from ._bench_requirements import relaxation_options, requirements_for
 from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench, why_not_optimised
-from .bench_messages import SearchTask, TaskStatus, distance_of
+from .bench_messages import RelaxationOption, SearchTask, TaskStatus, distance_of
 
 OnProgress = Callable[[TaskStatus], None]
 
@@ -102,12 +102,18 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
         )
     requested = requirements_for(task.requirements, aligned_sensor(sensor))
     with forward_steps(lambda step: on_progress(_news("running", step)), "omnimirror.design"):
-        solution = design_sensor(requested)
+        solution = design_sensor(
+            requested,
+            on_design=lambda design: on_progress(
+                _news("running", "relaxations", sensor=design.sensor if not design.is_met else None)
+            ),
+        )
     missed = [row.label for row in solution.rows if not row.is_met]
     message = (
         f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."
     )
-    on_progress(_news("done", message, 1.0, None, solution.sensor))
+    relaxations = relaxation_options(task.requirements, requested, solution.conflict)
+    on_progress(_news("done", message, 1.0, None, solution.sensor, relaxations))
 
 
 def _news(
@@ -116,9 +122,16 @@ def _news(
     fraction: float | None = None,
     value: float | None = None,
     sensor: Sensor | None = None,
+    relaxations: tuple[RelaxationOption, ...] = (),
 ) -> TaskStatus:
-    on = on_bench(sensor) if sensor is not None else None
-    return TaskStatus(state=state, message=message, fraction=fraction, value=value, sensor=on)  # type: ignore[arg-type]  # pydantic checks the state
+    return TaskStatus(
+        state=state,  # type: ignore[arg-type]  # pydantic checks the state
+        message=message,
+        fraction=fraction,
+        value=value,
+        sensor=on_bench(sensor) if sensor is not None else None,
+        relaxations=relaxations,
+    )
 
 
 def main() -> None:

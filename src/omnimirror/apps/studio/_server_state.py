@@ -264,8 +264,8 @@ class Streams:
 
 @dataclass
 class Studio:
-    """Sources, cameras, streams and access rules of a server; simulations, images and reports run
-    one at a time.
+    """Sources, cameras, streams and access rules of a server; simulations and images run one at
+    a time.
 
     Parameters
     ----------
@@ -294,5 +294,5 @@ class Studio:
         self.cameras = Cameras(self.given)
         self.streams = Streams(self.stored_orientation, self.on_note)
         self.board_detectors = BoardDetectorPool()
-        self.simulated, self.unpacked, self.reported = JobQueue(), JobQueue(), JobQueue()
+        self.simulated, self.unpacked, self.restored = JobQueue(), JobQueue(), JobQueue()
         self.built, self.toleranced, self.slider_violations = JobQueue(), JobQueue(), JobQueue()

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from subprocess import Popen
-from typing import IO, Any
+from typing import IO
 
 from fastapi import Request, WebSocket, WebSocketDisconnect
 
 from ...base.errors import InvalidParameter
 from ...base.worker_processes import start_process, terminate_process
-from ...interop.http_server.limits import MAX_QUEUED_JOBS, ServerBusy
+from ...interop.http_server.limits import MAX_QUEUED_JOBS, FairSlots, ServerBusy, current_page
 from . import _board_detection_process
 from .calibration_messages import BoardDetection, BoardDetectionRequest
 from .messages import Problem
@@ -45,15 +45,21 @@ class Worker:
             stdin.flush()
 
     async def lines(self) -> AsyncIterator[str]:
-        """Yield the output lines."""
+        """Yield the output lines up to an empty one or the end."""
         stdout = self._process.stdout
         assert stdout is not None
-        while line := await asyncio.to_thread(stdout.readline):
+        while (line := await asyncio.to_thread(stdout.readline)) not in (b"", b"\n"):
             yield line.decode()
+
+    async def remainder(self) -> bytes:
+        """Return the output after the empty line."""
+        stdout = self._process.stdout
+        assert stdout is not None
+        return await asyncio.to_thread(stdout.read)
 
 
 class Workers:
-    """Limited number of worker processes.
+    """Limited number of worker processes; further tasks wait in the order of their requests.
 
     Parameters
     ----------
@@ -62,51 +68,99 @@ class Workers:
     max_workers
         Maximum number of simultaneous processes.
     what
-        Plural noun for their tasks, used in the error message.
+        Plural noun for their tasks, used in messages.
     """
 
     def __init__(self, module: str, max_workers: int, what: str) -> None:
-        self.module, self.most, self.what = module, max_workers, what
-        self._running = 0
+        self.module, self.what = module, what
+        self._slots = FairSlots(max_workers)
+        self._pending = 0
+
+    @property
+    def is_busy(self) -> bool:
+        """True if the next task has to wait."""
+        return self._slots.is_full
 
     @asynccontextmanager
     async def one(self) -> AsyncIterator[Worker]:
-        """Yield a worker; leaving the block terminates it.
+        """Wait for a worker and yield it; leaving the block terminates it.
 
         Raises
         ------
-        InvalidParameter
-            If there are too many active workers.
+        ServerBusy
+            If there are too many waiting tasks.
         """
-        if self._running >= self.most:
-            raise InvalidParameter(
-                f"the limit of {self.most} simultaneous {self.what} is reached; wait or cancel one"
-            )
-        self._running += 1
-        process = start_process(self.module)
+        if self._pending >= MAX_QUEUED_JOBS:
+            raise ServerBusy(f"too many {self.what} are queued; try again later")
+        self._pending += 1
         try:
-            yield Worker(process)
+            async with self._slots.held(current_page.get()):
+                process = start_process(self.module)
+                try:
+                    yield Worker(process)
+                finally:
+                    terminate_process(process)
         finally:
-            self._running -= 1
-            terminate_process(process)
+            self._pending -= 1
 
 
-async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any]) -> None:
-    """Forward progress messages to a page until their end, or until a disconnect ends
-    ``listening``."""
-    lines = worker.lines()
+async def run_task(
+    socket: WebSocket,
+    workers: Workers,
+    lines: Sequence[str],
+    waiting: str,
+    commands: Sequence[str] = (),
+) -> bytes:
+    """Run a task in a worker, forward its progress messages to a page, and return its remaining
+    output.
+
+    Parameters
+    ----------
+    socket
+        Connection to the page.
+    workers
+        Worker processes of the task.
+    lines
+        Input of the worker.
+    waiting
+        Message that is sent if the task has to wait.
+    commands
+        Messages of the page that are forwarded to the worker.
+
+    Raises
+    ------
+    ServerBusy
+        If there are too many waiting tasks.
+    WebSocketDisconnect
+        After a disconnect of the page, which also cancels a waiting task.
+    """
+    started: list[Worker] = []
+
+    async def listen() -> None:
+        while (message := await socket.receive())["type"] != "websocket.disconnect":
+            if message.get("text") in commands and started:
+                started[0].send(message["text"])
+
+    async def work() -> bytes:
+        if workers.is_busy:
+            await socket.send_text(waiting)
+        async with workers.one() as worker:
+            started.append(worker)
+            for line in lines:
+                await asyncio.to_thread(worker.send, line)
+            async for line in worker.lines():
+                await socket.send_text(line)
+            return await worker.remainder()
+
+    listening, working = asyncio.create_task(listen()), asyncio.create_task(work())
     try:
-        while True:
-            line = asyncio.ensure_future(anext(lines))
-            await asyncio.wait({listening, line}, return_when=asyncio.FIRST_COMPLETED)
-            if not line.done():
-                line.cancel()
-                return
-            await socket.send_text(line.result())
-    except StopAsyncIteration:
-        return
+        await asyncio.wait({listening, working}, return_when=asyncio.FIRST_COMPLETED)
+        if not working.done():
+            raise WebSocketDisconnect
+        return working.result()
     finally:
-        listening.cancel()
+        for task in (listening, working):
+            task.cancel()
 
 
 # -- Pool of board detection processes -------------------------------------------------------------

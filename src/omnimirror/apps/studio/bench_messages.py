@@ -271,18 +271,11 @@ class RenderHeader(Message):
 
 
 class FileRequest(ClientMessage):
-    """Download request for a file of a design."""
+    """Download request for a small file of a design."""
 
     tables: Tables
-    kind: Literal["sensor", "table", "sag", "drawing", "report"]
+    kind: Literal["sensor", "table"]
     object_distance_mm: float | None = Field(gt=0)
-
-
-class FileProgress(Message):
-    """Progress of a file export."""
-
-    message: str
-    fraction: float = Field(description="completed fraction")
 
 
 class RequirementFileRequest(ClientMessage):
@@ -309,16 +302,123 @@ class SearchTask(ClientMessage):
     starts: int = Field(ge=1, le=8)
 
 
+class RelaxedValue(Message):
+    """Relaxed value of one requirement."""
+
+    name: str
+    unit: str
+    requested: float
+    needed: float
+
+
+class RelaxationOption(Message):
+    """Relaxation of one or several requirements with which a design meets all of them."""
+
+    values: tuple[RelaxedValue, ...]
+    requirements: Tables = Field(description="relaxed requirements")
+
+
 class TaskStatus(Message):
     """Progress of a task."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null")
 
-    state: Literal["running", "done", "failed"]
+    state: Literal["waiting", "running", "done", "failed"]
     message: str
     fraction: float | None = Field(description="completed fraction")
     value: float | None = Field(description="current merit")
-    sensor: BenchSensor | None
+    sensor: BenchSensor | None = Field(description="result; without relaxations while running")
+    relaxations: tuple[RelaxationOption, ...]
+
+
+# -- Export ----------------------------------------------------------------------------------------
+
+
+class ExportableFile(Message):
+    """File that the export offers."""
+
+    name: str
+    title: str
+    is_for_manufacturing: bool = Field(description="whether it is part of the archive by default")
+    missing: tuple[str, ...] = Field(description="required packages that are not installed")
+
+
+class WorkshopEntry(Message):
+    """Entry of the workshop data: text with a maximum length, or number with a range."""
+
+    name: str
+    label: str
+    unit: str
+    description: str
+    default: str | float | None
+    max_length: int | None = Field(description="maximum length of a text; null for a number")
+    low: float | None
+    high: float | None
+
+
+class WorkshopSection(Message):
+    """Table of the workshop data."""
+
+    name: str
+    title: str
+    entries: tuple[WorkshopEntry, ...]
+
+
+class ExportStart(Message):
+    """Formats of the export, and entries of the workshop data."""
+
+    formats: tuple[ExportableFile, ...]
+    workshop: tuple[WorkshopSection, ...]
+    remedy: str | None = Field(description="how to install the missing packages")
+
+
+class ToleranceValue(ClientMessage):
+    """Error source with its tolerance."""
+
+    name: str
+    tolerance: float = Field(ge=0)
+
+
+Refocus = Literal["none", "rms", "worst"]
+
+
+class TolerancePlanMessage(ClientMessage):
+    """Tolerances and the limit of one merit."""
+
+    errors: tuple[ToleranceValue, ...] = Field(max_length=200)
+    refocus: Refocus
+    merit: str = Field(max_length=80)
+    limit: float
+
+
+class ExportTask(ClientMessage):
+    """Export of one or several files of a design."""
+
+    tables: Tables
+    requirements: Tables | None
+    object_distance_mm: float | None = Field(gt=0, description="null: infinite")
+    formats: tuple[str, ...] = Field(min_length=1, max_length=60)
+    is_archive: bool = Field(description="whether to return an archive with a README")
+    workshop: dict[str, dict[str, str | float | None]] = Field(
+        description="workshop data by section; null and missing entries have their defaults"
+    )
+    tolerances: TolerancePlanMessage | None = Field(
+        description="tolerances of the report and of drawings; null: medium grade in the report, "
+        "and none in drawings"
+    )
+
+
+class ExportStatus(Message):
+    """Progress of an export; the last one is followed by the bytes of the file."""
+
+    state: Literal["waiting", "running", "done", "failed"]
+    message: str
+    fraction: float | None = Field(description="completed fraction")
+    entry: tuple[str, str] | None = Field(
+        description="section and entry of the workshop data that an error concerns"
+    )
+    name: str | None = Field(description="name of the file")
+    remarks: tuple[str, ...] = Field(description="missing entries, conflicts and inaccuracies")
 
 
 def distance_of(value_mm: float | None) -> float:
@@ -327,8 +427,6 @@ def distance_of(value_mm: float | None) -> float:
 
 
 # -- Tolerances ------------------------------------------------------------------------------------
-
-Refocus = Literal["none", "rms", "worst"]
 
 
 class ErrorSourceInfo(Message):
@@ -380,13 +478,6 @@ class AsBuiltResult(Message):
     blur_px: tuple[float | None, float | None] = Field(description="nominal and as-built value")
     focus_mm: tuple[float | None, float | None] = Field(description="nominal and as-built value")
     tables: Tables | None = Field(description="sensor with errors; null if it is invalid")
-
-
-class ToleranceValue(ClientMessage):
-    """Error source with its tolerance."""
-
-    name: str
-    tolerance: float = Field(ge=0)
 
 
 class YieldRequest(ClientMessage):

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Hashable, Mapping
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Hashable, Mapping
+from contextlib import asynccontextmanager
+from contextvars import ContextVar
 from typing import Any, TypeVar
 
 from starlette.responses import JSONResponse
@@ -25,6 +28,10 @@ GRACE_PERIOD_S = 30.0
 MIN_RATE_BYTES_PER_S = 1024.0
 """Minimum transfer rate of a request after the grace period."""
 MAX_QUEUED_JOBS = 16
+PAGE_HEADER = b"omnimirror-page"
+"""Header with an identifier of the page that sent a request."""
+current_page: ContextVar[str] = ContextVar("current_page", default="")
+"""Identifier of the page whose request is processed."""
 
 
 class ServerBusy(OmnimirrorError):
@@ -58,6 +65,7 @@ class RequestLimits:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
+        current_page.set(dict(scope["headers"]).get(PAGE_HEADER, b"").decode("latin-1"))
         max_bytes = self.larger.get(scope["path"], MAX_MESSAGE_BYTES)
         body = _LimitedBody(self, receive, max_bytes)
 
@@ -129,11 +137,72 @@ def _content_length(scope: Scope) -> int:
     return 0
 
 
-class JobQueue:
-    """Queue that runs one job at a time; equal jobs are run once for all requests."""
+class FairSlots:
+    """Slots for simultaneous work; a free slot goes to the waiting clients in turn, so that many
+    requests of one client do not delay those of another.
 
-    def __init__(self) -> None:
-        self._slot = asyncio.Semaphore(1)
+    Parameters
+    ----------
+    slots
+        Number of slots.
+    """
+
+    def __init__(self, slots: int = 1) -> None:
+        self._free = slots
+        self._waiting: dict[Hashable, deque[asyncio.Future[None]]] = {}
+
+    @property
+    def is_full(self) -> bool:
+        """True if the next client has to wait."""
+        return not self._free
+
+    @asynccontextmanager
+    async def held(self, client: Hashable) -> AsyncIterator[None]:
+        """Wait for a slot and hold it during a block."""
+        await self._acquire(client)
+        try:
+            yield
+        finally:
+            self._release()
+
+    async def _acquire(self, client: Hashable) -> None:
+        if self._free:
+            self._free -= 1
+            return
+        ticket = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(client, deque()).append(ticket)
+        try:
+            await ticket
+        except asyncio.CancelledError:
+            if ticket.done() and not ticket.cancelled():  # granted in the meantime
+                self._release()
+            raise
+
+    def _release(self) -> None:
+        """Release a slot to the next client, whose further tickets move to the end of the order."""
+        while self._waiting:
+            client, tickets = next(iter(self._waiting.items()))
+            del self._waiting[client]
+            ticket = tickets.popleft()
+            if tickets:
+                self._waiting[client] = tickets
+            if not ticket.done():
+                ticket.set_result(None)
+                return
+        self._free += 1
+
+
+class JobQueue:
+    """Queue of jobs in threads, served fairly to pages; equal jobs are run once for all requests.
+
+    Parameters
+    ----------
+    slots
+        Maximum number of simultaneous jobs.
+    """
+
+    def __init__(self, slots: int = 1) -> None:
+        self._slots = FairSlots(slots)
         self._jobs: dict[Hashable, asyncio.Task[Any]] = {}
 
     async def run(self, key: Hashable, function: Callable[[], T]) -> T:
@@ -161,7 +230,7 @@ class JobQueue:
 
     async def _run(self, key: Hashable, function: Callable[[], T]) -> T:
         try:
-            async with self._slot:
+            async with self._slots.held(current_page.get()):
                 return await asyncio.to_thread(function)
         finally:
             del self._jobs[key]

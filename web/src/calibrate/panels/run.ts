@@ -91,7 +91,7 @@ export class RunPanel {
   }
 
   private onStatus(news: CalibrationStatus): void {
-    if (news.state === "running") {
+    if (news.state === "running" || news.state === "waiting") {
       this.bar.value = news.fraction ?? 0;
       if (!this.min_corners.disabled) this.status.textContent = `${news.message}…`;
     } else if (news.state === "done") {

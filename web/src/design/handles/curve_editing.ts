@@ -8,14 +8,16 @@ interface Callbacks {
   now: () => Design;
   ask: (from: Design, editCurve: CurveEdit) => void;
   isPending: () => boolean;
-  /** Commit the result. */
-  settle: () => void;
+  /** Commit the result; successive key presses on one handle are one undo step. */
+  settle: (control: string | null) => void;
 }
 
 /** Manual deformation of a mirror; each request refers to the mirror at the start of the drag. */
 export class CurveEditing implements EditCallbacks {
   private from: Design | null = null;
   private isHeld = false;
+  private edited = "";
+  private control: string | null = null;
 
   constructor(private readonly callbacks: Callbacks) {}
 
@@ -26,11 +28,13 @@ export class CurveEditing implements EditCallbacks {
   editCurve(editCurve: CurveEdit): void {
     this.from ??= this.callbacks.now();
     this.isHeld = true;
+    this.edited = `${editCurve.of} ${editCurve.at}`;
     this.callbacks.ask(this.from, editCurve);
   }
 
-  release(): void {
+  release(isByKey: boolean): void {
     this.isHeld = false;
+    this.control = isByKey ? this.edited : null;
     this.onEvaluation();
   }
 
@@ -38,6 +42,6 @@ export class CurveEditing implements EditCallbacks {
   onEvaluation(): void {
     if (!this.from || this.isHeld || this.callbacks.isPending()) return;
     this.from = null;
-    this.callbacks.settle();
+    this.callbacks.settle(this.control);
   }
 }

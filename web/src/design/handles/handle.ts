@@ -4,7 +4,7 @@ import type { CurveEdit } from "../../shared/messages";
 /** Deform the mirror until the handle is released. */
 export interface EditCallbacks {
   editCurve: (editCurve: CurveEdit) => void;
-  release: () => void;
+  release: (isByKey: boolean) => void;
 }
 
 /** Events of a handle. */
@@ -13,8 +13,8 @@ interface Drag {
   begin: () => void;
   /** Displacement since the start, px to the right and down. */
   move: (right: number, down: number) => void;
-  /** Release. */
-  end: () => void;
+  /** Release; `isByKey` after a key press. */
+  end: (isByKey: boolean) => void;
 }
 
 const [STEP_PX, LARGE_STEP_PX] = [1, 10];
@@ -52,7 +52,7 @@ export function handle(className: string, title: string, drag: Drag): HTMLElemen
     if (!from) return;
     from = null;
     element.classList.remove("held");
-    drag.end();
+    drag.end(false);
   };
   element.addEventListener("pointerup", release);
   element.addEventListener("pointercancel", release);
@@ -64,7 +64,7 @@ export function handle(className: string, title: string, drag: Drag): HTMLElemen
     const step = e.shiftKey ? LARGE_STEP_PX : STEP_PX;
     drag.begin();
     drag.move(step * way[0], step * way[1]);
-    drag.end();
+    drag.end(true);
   });
   return element;
 }

@@ -22,7 +22,7 @@ interface Line {
 /** Set one side of a limit, and commit it. */
 export interface LimitCallbacks {
   set: (limit: number, side: Side, value: number) => void;
-  settle: () => void;
+  settle: (control: string | null) => void;
 }
 
 const SIGNS: Record<Side, string> = { at_least: "≥", at_most: "≤" };
@@ -92,9 +92,9 @@ export class LimitLines implements Over {
         this.isHeld = true;
       },
       move: (_, down) => this.move(i, down),
-      end: () => {
+      end: (isByKey) => {
         this.isHeld = false;
-        this.callbacks.settle();
+        this.callbacks.settle(isByKey ? element.getAttribute("aria-label") : null);
       },
     });
     element.append(h("span", {}));

@@ -24,7 +24,7 @@ export class MappingHandles implements Over {
             at: this.start.omega,
             to: this.area!.value(this.start.top + down),
           }),
-        end: () => this.end(),
+        end: (isByKey) => this.end(isByKey),
       }),
     );
   }
@@ -65,8 +65,8 @@ export class MappingHandles implements Over {
     this.isHeld = true;
   }
 
-  private end(): void {
+  private end(isByKey: boolean): void {
     this.isHeld = false;
-    this.callbacks.release();
+    this.callbacks.release(isByKey);
   }
 }

@@ -34,9 +34,9 @@ export class ProfileHandles {
             at: this.from[1],
             to: this.from[0] + right / this.scale,
           }),
-        end: () => {
+        end: (isByKey) => {
           this.isHeld = false;
-          callbacks.release();
+          callbacks.release(isByKey);
         },
       }),
     );

@@ -30,6 +30,8 @@ export class History {
   private future: Design[] = [];
   /** Last committed design; slider moves start from it. */
   private settled: Design;
+  /** Control of the last commit by a key press; null after other commits. */
+  private lastKey: string | null = null;
 
   constructor(public now: Design) {
     this.settled = now;
@@ -47,13 +49,13 @@ export class History {
     return this.now !== this.settled;
   }
 
-  /** Commit the current design; return whether it changed. */
-  settle(): boolean {
+  /** Commit the current design; return whether it changed. Successive key presses on one `control` are one undo step; null for other changes, and if the control loses the focus. */
+  settle(control: string | null = null): boolean {
     const isNew = JSON.stringify(this.now) !== JSON.stringify(this.settled);
-    if (isNew) {
-      this.past = [...this.past, this.settled].slice(-MAX_UNDONE);
-      this.future = [];
-    }
+    const isSameStep = control !== null && control === this.lastKey;
+    if (isNew && !isSameStep) this.past = [...this.past, this.settled].slice(-MAX_UNDONE);
+    if (isNew) this.future = [];
+    if (isNew || control === null) this.lastKey = control;
     this.settled = this.now;
     return isNew;
   }

@@ -21,14 +21,16 @@ export class Field {
   /** Initial value, restored by the reset button. */
   private first: number;
   private scale: Scale;
+  /** Whether the last action on the slider or the field was an arrow key. */
+  private isByKey = false;
 
-  /** `changed` receives each value, `settled` the final value of a slider or field. */
+  /** `changed` receives each value; `settled` commits the value of a slider or field, with true after a key press. */
   constructor(
     private readonly p: ParameterInfo,
     title: string,
     private value: number,
     private readonly changed: (value: number) => void,
-    private readonly settled: () => void,
+    private readonly settled: (isByKey: boolean) => void,
   ) {
     const id = unique();
     const unit = unitWords(p.unit);
@@ -64,6 +66,11 @@ export class Field {
       this.meets,
       this.problem,
     );
+    for (const input of [this.slider, this.number]) {
+      input.addEventListener("keydown", (e) => (this.isByKey = e.key.startsWith("Arrow")));
+      input.addEventListener("pointerdown", () => (this.isByKey = false));
+      input.addEventListener("blur", () => this.isByKey && this.settled(false));
+    }
     this.slider.addEventListener("input", () =>
       this.take(this.scale.to(Number(this.slider.value)), this.slider),
     );
@@ -123,7 +130,7 @@ export class Field {
       this.scale = scaleOf(this.p, this.value);
     this.show(this.value);
     this.changed(this.value);
-    this.settled();
+    this.settled(false);
     this.slider.focus();
   }
 
@@ -147,7 +154,7 @@ export class Field {
     else if (this.value < this.scale.low || this.value > this.scale.high)
       this.scale = scaleOf(this.p, this.value);
     this.show(this.value);
-    this.settled();
+    this.settled(this.isByKey);
   }
 
   /** Extend the range of a slider that was released at its end. */
@@ -157,7 +164,7 @@ export class Field {
       this.scale = scaleOf(this.p, this.value);
       this.show(this.value);
     }
-    this.settled();
+    this.settled(this.isByKey);
   }
 
   private show(value: number, from?: HTMLInputElement): void {

@@ -16,7 +16,8 @@ import type { Violations } from "./feasible_ranges";
 interface Callbacks {
   now: () => Design;
   edit: (design: Design) => void;
-  settle: () => void;
+  /** Commit the design; successive key presses on one control are one undo step. */
+  settle: (control?: string | null) => void;
   change: (target: "mirror" | "lens" | "focus", to: string) => void;
 }
 
@@ -223,7 +224,9 @@ export class Form {
       this.last = key;
       this.callbacks.edit(changedAt(this.callbacks.now(), key, v));
     };
-    const field = new Field(p, title, value, changed, () => this.callbacks.settle());
+    const field = new Field(p, title, value, changed, (isByKey) =>
+      this.callbacks.settle(isByKey ? key : null),
+    );
     this.fields.set(key, field);
     if (p.default !== null) this.defaults.set(key, p.default);
     return field.element;

@@ -3,7 +3,7 @@ import type { BenchStart, DesignSummary, RequirementResult } from "../../shared/
 import { words } from "../../shared/numbers";
 import type { Design, Tables } from "../model/design";
 import { type Limit, limitsOf, withLimits } from "../model/requirements";
-import { label, quantityWords, unitWords } from "../labels";
+import { label, labelledMessage, quantityWords, unitWords } from "../labels";
 
 interface Callbacks {
   now: () => Design;
@@ -19,7 +19,7 @@ const INFINITE = 1e11; // distance in mm above which infinity is displayed
 
 /** Requirements with their results. */
 export class RequirementsPanel {
-  private readonly body = h("div", {});
+  private readonly body = h("div", { className: "requirements" });
   private readonly verdict = h("p", { className: "verdict", role: "status" });
   private readonly problem = h("p", { className: "problem", role: "alert", hidden: true });
   private shape = "";
@@ -71,7 +71,7 @@ export class RequirementsPanel {
   /** Display the result of each requirement: met or not, margin, critical field angle. */
   showResults(rows: RequirementResult[], error: string | null): void {
     reveal(this.problem, error !== null);
-    write(this.problem, error ?? "");
+    write(this.problem, labelledMessage(error ?? "", this.parts.quantities));
     for (const mark of this.marks.values()) mark.replaceChildren();
     const additional: HTMLElement[] = [];
     for (const row of rows) {
@@ -82,7 +82,7 @@ export class RequirementsPanel {
           h(
             "li",
             {},
-            h("span", {}, label(row.name)),
+            h("span", {}, `${this.titleOf(row.name)} ${requestedOf(row)}`),
             h("span", { className: "mark" }, ...verdictOf(row)),
           ),
         );
@@ -95,6 +95,10 @@ export class RequirementsPanel {
       violations ? `${violations} of ${rows.length} not met` : `All ${rows.length} met`,
     );
     this.verdict.classList.toggle("missed", violations > 0);
+  }
+
+  private titleOf(name: string): string {
+    return this.parts.quantities.find((q) => q.name === name)?.title ?? label(name);
   }
 
   private build(design: Design): void {
@@ -212,18 +216,19 @@ export class RequirementsPanel {
       "div",
       { className: "limit" },
       h("div", { className: "line" }, select, remove),
+      h("p", { className: "words meaning" }, quantity.meaning),
       h(
         "div",
         { className: "line" },
         h("span", { className: "unit" }, "≥"),
         this.number(
-          `${quantity.name} at least`,
+          `${quantity.title} at least`,
           () => now()?.at_least,
           (v) => set({ at_least: v }),
         ),
         h("span", { className: "unit" }, "≤"),
         this.number(
-          `${quantity.name} at most`,
+          `${quantity.title} at most`,
           () => now()?.at_most,
           (v) => set({ at_most: v }),
         ),
@@ -315,25 +320,34 @@ const spanOf = (value: unknown): [number, number] =>
       ? [value, value]
       : [1e12, 1e12];
 
-/** Return the result as symbol and text. */
+const withUnit = (value: number | null, unit: string, digits = 4): string => {
+  const text = unitWords(unit);
+  return `${words(value, digits)}${text === "°" ? "°" : text && ` ${text}`}`;
+};
+
+/** Return the requested bounds of a requirement. */
+function requestedOf({ at_least, at_most, unit }: RequirementResult): string {
+  if (at_least !== null && at_least === at_most) return `= ${withUnit(at_least, unit)}`;
+  const sides = [
+    at_least === null ? "" : `≥ ${withUnit(at_least, unit)}`,
+    at_most === null ? "" : `≤ ${withUnit(at_most, unit)}`,
+  ];
+  return sides.filter(Boolean).join(", ");
+}
+
+/** Return the result as symbol, reached value and margin. */
 function verdictOf(row: RequirementResult): HTMLElement[] {
-  const unit = unitWords(row.unit);
   const isJust =
     row.is_met &&
     row.margin !== null &&
     Math.abs(row.margin) <= ROUNDING * Math.abs(row.value ?? 0);
-  const size =
-    row.margin === null || isJust
-      ? ""
-      : ` by ${words(Math.abs(row.margin), 3)}${unit === "°" ? "°" : unit && ` ${unit}`}`;
+  const margin =
+    row.margin === null ? "" : `, margin ${isJust ? "0" : withUnit(row.margin, row.unit, 3)}`;
   const sign = h(
     "b",
     { className: row.is_met ? "met" : "missed" },
-    row.is_met ? `✓ ${isJust ? "just " : ""}met${size}` : `✗ missed${size}`,
+    row.is_met ? "✓ met" : "✗ not met",
   );
   const where = row.omega_deg === null ? "" : ` at ${words(row.omega_deg, 3)}°`;
-  return [
-    sign,
-    h("span", {}, ` reaches ${words(row.value)}${unit === "°" ? "°" : unit && ` ${unit}`}${where}`),
-  ];
+  return [sign, h("span", {}, ` reached ${withUnit(row.value, row.unit)}${where}${margin}`)];
 }

@@ -1,14 +1,23 @@
 import { ServerTask } from "../../shared/api";
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchSensor, BenchStart, TaskStatus, SearchTask } from "../../shared/messages";
+import type {
+  BenchSensor,
+  BenchStart,
+  RelaxationOption,
+  TaskStatus,
+  SearchTask,
+} from "../../shared/messages";
 import { words } from "../../shared/numbers";
-import type { Design } from "../model/design";
+import type { Design, Tables } from "../model/design";
 import { limitsOf } from "../model/requirements";
-import { quantityWords, unitWords } from "../labels";
+import { labelledMessage, quantityWords, unitWords } from "../labels";
 
 interface Callbacks {
   now: () => Design;
-  take: (result: BenchSensor) => void;
+  /** Load the result of an optimisation (`isOptimised`) or of a design. */
+  take: (result: BenchSensor, isOptimised: boolean) => void;
+  /** Replace the requirements. */
+  relax: (requirements: Tables) => void;
 }
 
 /** Long-running searches: mirror optimisation, and design from requirements. */
@@ -56,13 +65,22 @@ export class WorkPanel {
     {
       type: "button",
       hidden: true,
-      onclick: () => this.stop("Cancelled; the design is unchanged."),
+      onclick: () =>
+        this.stop(
+          this.isTaken
+            ? "The search for relaxations was cancelled."
+            : "Cancelled; the design is unchanged.",
+        ),
     },
     "Cancel",
   );
   private readonly reason = h("p", { className: "words", id: unique(), hidden: true });
   private readonly bar = h("progress", { max: 1, hidden: true, "aria-label": "Search" });
   private readonly status = h("p", { className: "words", role: "status" });
+  private readonly relaxations = h("div", { className: "relaxations" });
+  private kind: SearchTask["kind"] = "optimise";
+  /** Whether the design is loaded, and relaxations are searched. */
+  private isTaken = false;
 
   constructor(
     place: HTMLElement,
@@ -84,18 +102,15 @@ export class WorkPanel {
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
       labelled("Minimise", this.merit),
-      labelled("Freeform", this.shape),
-      h(
-        "div",
-        { className: "two" },
-        labelled("Terms", this.terms),
-        labelled("Starts", this.starts),
-      ),
+      labelled("Freeform surface", this.shape),
+      labelled("Coefficients", this.terms),
+      labelled("Number of starts", this.starts),
       this.keepsLabel,
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
       this.reason,
       this.bar,
       this.status,
+      this.relaxations,
     );
   }
 
@@ -110,6 +125,8 @@ export class WorkPanel {
 
   private start(kind: SearchTask["kind"]): void {
     const { tables, requirements, distance } = this.callbacks.now();
+    this.kind = kind;
+    this.isTaken = false;
     const task: SearchTask = {
       kind,
       tables,
@@ -123,26 +140,68 @@ export class WorkPanel {
     };
     const cutOff = () => this.stop("The search was interrupted; the design is unchanged.");
     this.task.begin("api/bench/work", [task], (news) => this.onStatus(news), cutOff);
+    this.relaxations.replaceChildren();
     this.running(true);
     this.status.textContent = "Starting…";
   }
 
   private onStatus(news: TaskStatus): void {
-    if (news.state === "running") {
+    if (news.sensor && !this.isTaken) {
+      this.isTaken = true;
+      this.callbacks.take(news.sensor, this.kind === "optimise");
+    }
+    if (news.state === "running" || news.state === "waiting") {
       if (news.fraction === null) this.bar.removeAttribute("value");
       else this.bar.value = news.fraction;
       const merit = this.parts.merits.find((m) => m.name === this.merit.value)!;
       const value =
         news.value === null ? "" : `: ${words(news.value, 5)} ${unitWords(merit.unit)}`.trimEnd();
-      this.status.textContent = `${news.message}${value}`;
+      this.status.textContent = `${this.labelled(news.message)}${value}`;
       return;
     }
-    this.stop(news.message);
-    if (news.sensor) this.callbacks.take(news.sensor);
+    this.stop(this.labelled(news.message));
+    this.showRelaxations(news.relaxations);
+  }
+
+  /** Display the relaxations; a click applies one and repeats the design. */
+  private showRelaxations(options: readonly RelaxationOption[]): void {
+    if (!options.length) return;
+    const rows = options.map(({ values, requirements }) => {
+      const texts = values.map(({ name, unit, requested, needed }) =>
+        `${this.labelled(name)} ${short(requested)} → ${short(needed)} ${unitWords(unit)}`
+          .trimEnd()
+          .replace(" °", "°"),
+      );
+      const apply = (): void => {
+        this.callbacks.relax(requirements);
+        this.start("design");
+      };
+      const button = h(
+        "button",
+        {
+          type: "button",
+          className: "small",
+          "aria-label": `Apply: ${texts.join(", ")}`,
+          title: "Change the requirements, and design the sensor again",
+          onclick: apply,
+        },
+        "Apply",
+      );
+      return h("li", {}, h("span", {}, texts.join(" and ")), button);
+    });
+    this.relaxations.replaceChildren(
+      h("p", { className: "words" }, "All requirements can be met with one of these changes:"),
+      h("ul", {}, ...rows),
+    );
+  }
+
+  private labelled(message: string): string {
+    return labelledMessage(message, this.parts.quantities);
   }
 
   private stop(message: string): void {
     this.task.end();
+    this.relaxations.replaceChildren();
     this.running(false);
     this.status.textContent = message;
   }
@@ -154,6 +213,8 @@ export class WorkPanel {
     this.bar.removeAttribute("value");
   }
 }
+
+const short = (value: number): string => String(Number(value.toPrecision(5))).replace("-", "−");
 
 function labelled(title: string, input: HTMLElement): HTMLElement {
   input.id = unique();

@@ -52,6 +52,8 @@ export interface Curves {
 const HEIGHT = 164;
 const [DASH, DOT, GAP, WIDE_GAP] = [12, 2, 2.5, 6]; // px
 const AXIS_FONT = "11px system-ui, sans-serif";
+const FIELD_ANGLE = "Field angle Ω, °";
+const LABEL = { labelFont: AXIS_FONT, labelSize: 15, labelGap: 0 };
 const STEP_DEG = 1;
 const POINT = 0.1; // excluded central part, relative to the maximum image radius; there, a degree of azimuth has no length
 const STEEP = 4; // ratio to the spread above which central values are excluded from the scale
@@ -229,8 +231,17 @@ export class ChartView {
         },
       },
       axes: [
-        { ...axis, size: 26, gap: 4, values: degrees, space: 34, incrs: [5, 10, 15, 30, 45, 90] },
-        { ...axis, size: 48, gap: 4, values: numbers, space: 20 },
+        {
+          ...axis,
+          ...LABEL,
+          label: FIELD_ANGLE,
+          size: 22,
+          gap: 3,
+          values: degrees,
+          space: 34,
+          incrs: [5, 10, 15, 30, 45, 90],
+        },
+        { ...axis, ...LABEL, label: this.axisLabel, size: 46, gap: 4, values: numbers, space: 20 },
       ],
       series: [{}, ...series],
       cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false } },
@@ -239,6 +250,13 @@ export class ChartView {
         draw: [(u) => this.label(u), (u) => this.layOut(u)],
       },
     };
+  }
+
+  /** Label of the vertical axis: symbols and unit. */
+  private get axisLabel(): string {
+    const { columns, unit } = this.chart;
+    const symbols = columns.map((c) => c.symbol).join(" · ");
+    return `${this.isDifference ? "Difference of " : ""}${symbols}${unit && `, ${unit}`}`;
   }
 
   /** Return the curves in drawing order: pinned designs first, so that the current one is drawn on top. */
@@ -353,10 +371,8 @@ export class ChartView {
       })),
     );
     const { min, max } = this.plot!.scales.y;
-    return svgOf(this.isDifference ? `Difference of ${title.toLowerCase()}` : title, unit, lines, [
-      min ?? 0,
-      max ?? 1,
-    ]);
+    const heading = this.isDifference ? `Difference of ${title.toLowerCase()}` : title;
+    return svgOf(heading, unit, [FIELD_ANGLE, this.axisLabel], lines, [min ?? 0, max ?? 1]);
   }
 
   private nameOf({ of: d }: Curves): string {

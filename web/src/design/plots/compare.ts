@@ -3,7 +3,12 @@ import type { DesignSummary } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { dashes, type Drawn } from "./charts";
 
-const COLUMNS: [title: string, unit: string, value: (f: DesignSummary) => string][] = [
+const COLUMNS: [
+  title: string,
+  unit: string,
+  value: (f: DesignSummary) => string,
+  meaning?: string,
+][] = [
   ["Field", "°", (f) => `${words(f.field_deg[0])} – ${words(f.field_deg[1], 5)}`],
   [
     "Rim radius",
@@ -16,7 +21,12 @@ const COLUMNS: [title: string, unit: string, value: (f: DesignSummary) => string
     "px/°",
     (f) => `${words(f.resolution_px_per_deg[0], 3)} – ${words(f.resolution_px_per_deg[1], 3)}`,
   ],
-  ["Maximum blur", "px", (f) => words(f.worst_blur_px, 3)],
+  [
+    "Maximum blur",
+    "px",
+    (f) => words(f.worst_blur_px, 3),
+    "Largest tangential or sagittal blur over the field from geometrical optics; Total blur also contains the Airy disc of the lens",
+  ],
   ["Floored area", "deg²", (f) => words(f.worst_floored_area_deg2, 3)],
   ["Focus", "mm", (f) => words(f.focus_mm)],
   [
@@ -46,7 +56,9 @@ export class CompareTable {
       {},
       h("th", { scope: "col" }, "Design"),
       h("td", {}),
-      ...COLUMNS.map(([title, unit]) => h("th", { scope: "col" }, title, h("small", {}, unit))),
+      ...COLUMNS.map(([title, unit, , meaning]) =>
+        h("th", { scope: "col", title: meaning ?? "" }, title, h("small", {}, unit)),
+      ),
     );
     this.element = h(
       "div",

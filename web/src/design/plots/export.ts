@@ -10,7 +10,7 @@ interface Line {
 }
 
 const [WIDTH, HEIGHT] = [640, 400];
-const [LEFT, RIGHT, TOP, BOTTOM] = [64, 16, 34, 44];
+const [LEFT, RIGHT, TOP, BOTTOM] = [76, 16, 34, 44];
 const KEY = 18; // px, height of a legend row
 const TICKS = 6;
 const INK = "#1c1f21";
@@ -27,10 +27,11 @@ const STYLE = [
   "paint-order",
 ];
 
-/** Return curves over the field angle with axes and legend as SVG. */
+/** Return curves with labelled axes and a legend as SVG. */
 export function svgOf(
   title: string,
   unit: string,
+  [across, up]: readonly [across: string, up: string],
   lines: readonly Line[],
   range: readonly [number, number],
 ): string {
@@ -67,13 +68,17 @@ export function svgOf(
   );
   const below = text(
     `x="${(LEFT + WIDTH - RIGHT) / 2}" y="${HEIGHT - 8}" text-anchor="middle"`,
-    "Field angle",
+    across,
+  );
+  const beside = text(
+    `transform="translate(14 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle"`,
+    up,
   );
   return [
     `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${WIDTH} ${height}" width="${WIDTH}" height="${height}" font-family="system-ui, sans-serif" font-size="12" fill="${INK}">`,
     `<rect width="${WIDTH}" height="${height}" fill="#ffffff"/><clipPath id="a"><path d="M${LEFT} ${TOP}H${WIDTH - RIGHT}V${HEIGHT - BOTTOM}H${LEFT}Z"/></clipPath>`,
     `<g stroke="#dcdcd7" stroke-width="1">${grid.join("").replaceAll("<text ", '<text stroke="none" ')}</g>`,
-    heading + below + curves.join("") + key.join(""),
+    heading + below + beside + curves.join("") + key.join(""),
     "</svg>\n",
   ].join("\n");
 }

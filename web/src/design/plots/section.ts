@@ -13,6 +13,15 @@ type Point = [number, number];
 
 type Anchor = "start" | "middle" | "end";
 
+/** Text of a drawing; `rows` is the number of positions that are tried from top to bottom. */
+interface Label {
+  at: Point;
+  text: string;
+  anchor: Anchor;
+  rows?: number;
+  class?: string;
+}
+
 /** Limits in mm along the axis (z, to the right) and perpendicular to it (x, up). */
 interface Window {
   z: Point;
@@ -22,12 +31,24 @@ interface Window {
 const FAR_AWAY = 2.5; // maximum distance of drawn virtual images from the vertex, in rim radii
 const [LABEL_GAP, LETTER, BESIDE] = [13, 7.5, 3]; // px, height of labels of 11 px
 const LABEL_ROWS = 3;
+const MIN_TICKS_PX = 44; // minimum distance of ticks
 const CURVES: [name: string, label: string][] = [
-  ["T∞", "T∞"],
-  ["T5M", "T5M"],
-  ["S∞", "S∞"],
-  ["S5M", "S5M"],
+  ["T∞", "T, ∞"],
+  ["T5M", "T, 5 M"],
+  ["S∞", "S, ∞"],
+  ["S5M", "S, 5 M"],
 ];
+
+/** Return the smallest round number of mm that is not below a value. */
+function stepOf(value: number): number {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [1, 2, 5, 10].map((k) => Number((k * power).toPrecision(1))).find((x) => x >= value)!;
+}
+
+const multiples = (step: number, low: number, high: number): number[] =>
+  Array.from({ length: Math.max(0, Math.floor(high / step) - Math.ceil(low / step) + 1) }, (_, i) =>
+    Number(((Math.ceil(low / step) + i) * step).toPrecision(6)),
+  );
 
 /** Cross-section of the sensor with the lens at the left: complete, and mirror with virtual images. */
 export class SectionView {
@@ -117,7 +138,7 @@ export class SectionView {
     this.drawWhole(first);
     this.drawClose(first);
     const [near, far] = first.evaluation.summary!.depth_of_field_mm;
-    const note = `chief rays; virtual images T and S of objects at infinity and at 5 rim radii (fine); depth of field ${words(near)} to ${words(far)} mm from the lens`;
+    const note = `chief rays; virtual images (T, S) of objects at infinity and 5 rim radii (fine); depth of field ${words(near)} to ${words(far)} mm from the lens`;
     if (note !== this.note.textContent) this.note.textContent = note;
     this.drawCursor();
   }
@@ -144,6 +165,7 @@ export class SectionView {
         frame.curve(d.evaluation.block(name), d.ink, d === first ? "solid" : "other", d.dots);
       frame.curve(d.evaluation.block("lens"), d.ink, "lens");
     }
+    frame.scales();
     frame.end();
     this.handles?.layOut(frame, first.evaluation);
   }
@@ -177,6 +199,7 @@ export class SectionView {
         `${name[0] === "S" ? "dashed " : ""}${name.endsWith("M") ? "fine" : "strong"}`,
         text,
       );
+    frame.scales();
     frame.end();
   }
 
@@ -221,7 +244,7 @@ class Frame {
   private readonly width: number;
   private readonly height: number;
   private readonly drawing: Drawing;
-  private readonly texts: { at: Point; text: string; anchor: Anchor }[] = [];
+  private readonly texts: Label[] = [];
 
   constructor(
     private readonly place: SVGElement,
@@ -254,6 +277,33 @@ class Frame {
   axis(): void {
     const [, y] = this.at([0, 0]);
     this.drawing.add("line", { class: "axis", x1: 0, x2: this.width, y1: y, y2: y });
+  }
+
+  /** Draw the scales along the lower and the left edge, mm. */
+  scales(): void {
+    const step = stepOf(MIN_TICKS_PX / this.scale);
+    const [right, top] = [this.width, this.height];
+    this.tick(right - 3, top - 8, "end", "z, mm");
+    this.tick(3, 11, "start", "x, mm", LABEL_ROWS);
+    for (const z of multiples(step, this.along(0), this.along(right))) {
+      const [u] = this.at([z, 0]);
+      this.drawing.add("line", { class: "tick", x1: u, x2: u, y1: top - 5, y2: top });
+      if (u > 34 && u < right - 46) this.tick(u, top - 8, "middle", String(z));
+    }
+    for (const x of multiples(step, this.across(top), this.across(0))) {
+      const [, v] = this.at([0, x]);
+      this.drawing.add("line", { class: "tick", x1: 0, x2: 5, y1: v, y2: v });
+      if (v > 22 && v < top - 22) this.tick(8, v + 4, "start", String(x));
+    }
+  }
+
+  private tick(x: number, y: number, anchor: Anchor, text: string, rows = 1): void {
+    this.texts.push({ at: [x, y], text: text.replace("-", "−"), anchor, rows, class: "tick" });
+  }
+
+  /** Return the position along the axis of a distance from the left edge, mm. */
+  private along(u: number): number {
+    return this.window.z[0] + (u - this.origin[0]) / this.scale;
   }
 
   band([focus, near, far]: Float32Array): void {
@@ -330,7 +380,7 @@ class Frame {
   /** Draw texts last; shift overlapping ones, and omit those without space. */
   end(): void {
     const occupied: { left: number; right: number; v: number }[] = [];
-    for (const { at, text, anchor } of this.texts) {
+    for (const { at, text, anchor, rows = LABEL_ROWS, class: kind = "" } of this.texts) {
       const [u, v] = [
         Math.min(Math.max(at[0], 2), this.width - 2),
         Math.min(Math.max(at[1], 11), this.height - 3),
@@ -347,12 +397,16 @@ class Frame {
             left + width > t.left - BESIDE &&
             Math.abs(at - t.v) < LABEL_GAP,
         );
-      const row = Array.from({ length: LABEL_ROWS }, (_, i) => v + i * LABEL_GAP).find(
+      const row = Array.from({ length: rows }, (_, i) => v + i * LABEL_GAP).find(
         (at) => isFree(at) && at < this.height,
       );
       if (row === undefined) continue;
       occupied.push({ left, right: left + width, v: row });
-      this.drawing.add("text", { x: left + width / 2, y: row, "text-anchor": "middle" }, text);
+      this.drawing.add(
+        "text",
+        { class: kind, x: left + width / 2, y: row, "text-anchor": "middle" },
+        text,
+      );
     }
     this.drawing.end();
   }

@@ -184,7 +184,7 @@ export class SquaresView {
         drawing,
         places[i][0],
         places[i][1] + side + 30,
-        `${Math.abs(blur_t[i]).toFixed(2)} × ${Math.abs(blur_s[i]).toFixed(2)}`,
+        `${Math.abs(blur_t[i]).toFixed(2)}° × ${Math.abs(blur_s[i]).toFixed(2)}°`,
       );
     drawing.end();
   }

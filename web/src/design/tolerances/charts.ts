@@ -1,6 +1,7 @@
 import { h, svg } from "../../shared/dom";
 import type { AsBuiltResult, YieldResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
+import { logAxis } from "./log_axis";
 import { calibrationWords, enlargement, errorWords, sizeWords } from "./names";
 
 /** As-built sensor: values, object positions, and displacements by calibration. */
@@ -12,8 +13,7 @@ export interface AsBuiltDisplacement extends AsBuiltResult {
 const MAX_LENGTH = 0.16; // drawn length of the maximum displacement, relative to the image radius
 const MARGIN = 1.2;
 const MAX_BARS = 14;
-const MIN_BAR_LENGTH = 1e-4; // minimum relative length of a bar on the logarithmic scale
-const [ROW, BAR] = [19, 13]; // px
+const [ROW, BAR, AXIS] = [19, 13, 34]; // px
 const DEPTHS = ["none", "affine", "pose"];
 
 /** Displacement due to errors, residual after a calibration, and effect of each error. */
@@ -50,29 +50,30 @@ export class ToleranceCharts {
       h(
         "div",
         {},
-        h("p", { className: "part" }, h("b", {}, title), caption),
+        title ? h("p", { className: "part" }, h("b", {}, title), caption) : null,
         body as HTMLElement,
         after,
+      );
+    const group = (title: string, explanation: string, ...parts: HTMLElement[]): HTMLElement =>
+      h(
+        "section",
+        { "aria-label": title },
+        h("figcaption", {}, h("span", {}, title), h("span", { className: "quiet" }, explanation)),
+        h("div", { className: "parts" }, ...parts),
       );
     this.element = h(
       "figure",
       { className: "plot wide tolerances", hidden: true },
-      h(
-        "figcaption",
-        {},
-        h("span", {}, "Sensor with errors"),
-        h(
-          "span",
-          { className: "quiet" },
-          "displacement of objects over the field, and effect of each error at its tolerance",
-        ),
-      ),
-      h(
-        "div",
-        { className: "three" },
+      group(
+        "Sensor with the present errors",
+        "displacement of objects over the field",
         part("As built", this.captions[0], this.maps[0]),
         part("After calibration", this.captions[1], this.maps[1]),
-        part("Individual errors", null, this.bars, this.legend),
+      ),
+      group(
+        "Errors at their tolerances",
+        "maximum displacement due to each error alone",
+        part("", null, this.bars, this.legend),
       ),
     );
     new ResizeObserver(() => this.drawBars()).observe(this.element);
@@ -137,21 +138,27 @@ export class ToleranceCharts {
     const left = Math.min(190, 0.46 * width);
     const depths = DEPTHS.map((name) => this.calibrations.indexOf(name));
     const all = rows.flatMap((row) => depths.map((d) => row.motion_px[d] ?? 0));
-    const maxValue = Math.max(...all, 1e-9);
-    const at = (value: number | null): number =>
-      (value === null
-        ? 1
-        : Math.max(
-            0,
-            1 +
-              Math.log10(Math.max(value, MIN_BAR_LENGTH * maxValue) / maxValue) /
-                -Math.log10(MIN_BAR_LENGTH),
-          )) *
-      (width - left - 46);
-    const height = ROW * rows.length + 4;
+    const axis = logAxis(all);
+    const length = width - left - 46;
+    const at = (value: number | null): number => (value === null ? 1 : axis.place(value)) * length;
+    const bottom = ROW * rows.length + 4;
+    const height = bottom + AXIS;
     this.bars.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.bars.setAttribute("height", String(height));
-    this.bars.replaceChildren();
+    this.bars.replaceChildren(
+      ...axis.ticks.flatMap((value) => {
+        const x = left + at(value);
+        return [
+          svg("line", { class: "tick", x1: x, x2: x, y1: 0, y2: bottom + 3 }),
+          svg("text", { class: "tick", x, y: bottom + 14, "text-anchor": "middle" }, String(value)),
+        ];
+      }),
+      svg(
+        "text",
+        { class: "tick", x: left + length / 2, y: bottom + 29, "text-anchor": "middle" },
+        "Displacement, px (logarithmic)",
+      ),
+    );
     rows.forEach((row, i) => {
       const y = 2 + i * ROW;
       const name = errorWords(row.name);
@@ -184,7 +191,6 @@ export class ToleranceCharts {
       );
     });
     this.legend.replaceChildren(
-      h("span", {}, "px, logarithmic:"),
       ...DEPTHS.map((name) =>
         h(
           "span",

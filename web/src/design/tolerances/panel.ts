@@ -5,6 +5,7 @@ import type {
   ErrorSourceInfo,
   ErrorSourcesRequest,
   ErrorSourceList,
+  TolerancePlanMessage,
   YieldRequest,
   YieldResult,
 } from "../../shared/messages";
@@ -82,7 +83,7 @@ export class TolerancesPanel {
   private readonly begin = h(
     "button",
     { type: "button", "aria-expanded": "false", onclick: () => this.toggle() },
-    "Set errors",
+    "Analyse tolerances",
   );
   private readonly body = h("div", { className: "tolerance-body", hidden: true });
   private readonly grade = select(
@@ -136,15 +137,12 @@ export class TolerancesPanel {
       h("span", { className: "entry" }, this.limit),
     );
     this.body.append(
-      this.grade.element,
       this.focus.element,
       this.after.element,
-      this.quantity.element,
-      maximum,
-      this.verdict,
-      this.summary,
-      row,
+      part("Yield", this.grade.element, this.quantity.element, maximum, this.verdict),
+      part("Present errors of this sensor", this.summary, row),
       this.problem,
+      h("p", { className: "words" }, "Each error: present value ± tolerance of the yield"),
       this.groups,
     );
     place.append(h("div", { className: "row" }, this.begin), this.body);
@@ -175,6 +173,18 @@ export class TolerancesPanel {
     if (!settings === this.isOpen) this.toggle();
     else if (this.all) this.known(this.all, { tables: this.tables! });
     return true;
+  }
+
+  /** Tolerances with the limit of the yield; null if the panel is closed or has no limit. */
+  get plan(): TolerancePlanMessage | null {
+    const limit = Number(this.limit.value);
+    if (!this.isOpen || !this.tables || !(limit > 0)) return null;
+    const errors = [...this.tolerances]
+      .filter(([, tolerance]) => tolerance > 0)
+      .map(([name, tolerance]) => ({ name, tolerance }));
+    const quantity = this.quantity.input.value;
+    const merit = meritName(quantity, quantity === "blur_px" ? "none" : this.after.input.value);
+    return { errors, refocus: this.refocus, merit, limit };
   }
 
   /** Errors as text for the address. */
@@ -225,7 +235,7 @@ export class TolerancesPanel {
   private toggle(): void {
     this.body.hidden = this.charts.element.hidden = this.isOpen;
     this.begin.setAttribute("aria-expanded", String(this.isOpen));
-    this.begin.textContent = this.isOpen ? "Close errors" : "Set errors";
+    this.begin.textContent = this.isOpen ? "Close tolerances" : "Analyse tolerances";
     if (this.isOpen) return this.follow();
     this.tables = this.last = null;
     this.callbacks.keep("");
@@ -350,22 +360,8 @@ export class TolerancesPanel {
 
   private askYield(): void {
     this.callbacks.keep(this.text);
-    const limit = Number(this.limit.value);
-    if (!this.tables || !(limit > 0)) return;
-    const errors = [...this.tolerances]
-      .filter(([, tolerance]) => tolerance > 0)
-      .map(([name, tolerance]) => ({ name, tolerance }));
-    const quantity = this.quantity.input.value;
-    const merit = meritName(quantity, quantity === "blur_px" ? "none" : this.after.input.value);
-    this.yields.ask({
-      tables: this.tables,
-      errors,
-      refocus: this.refocus,
-      merit,
-      limit,
-      trials: TRIALS,
-      seed: SEED,
-    });
+    const { plan, tables } = this;
+    if (plan && tables) this.yields.ask({ tables, ...plan, trials: TRIALS, seed: SEED });
   }
 
   private moved(moved: AsBuiltDisplacement, { tables }: AsBuiltRequest): void {
@@ -412,6 +408,12 @@ export class TolerancesPanel {
     this.problem.textContent = capital(message);
     this.problem.hidden = false;
   }
+}
+
+/** Create a titled part of the panel. */
+function part(title: string, ...children: HTMLElement[]): HTMLElement {
+  const id = unique();
+  return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
 }
 
 /** Create a selection with its title; `offer` replaces the options. */

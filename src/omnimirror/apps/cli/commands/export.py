@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -248,12 +247,8 @@ def command(
 def _workshop(sensor: Sensor, workshop: str | None, tolerances: str | None) -> Workshop:
     """Return the data of the drawing, with today as the default date."""
     data = Workshop() if workshop is None else load_workshop(workshop)
-    title = data.title if data.title.date else replace(data.title, date=date.today().isoformat())
-    return replace(
-        data,
-        title=title,
-        tolerances={} if tolerances is None else load_allocated_tolerances(tolerances, sensor),
-    )
+    sizes = {} if tolerances is None else load_allocated_tolerances(tolerances, sensor)
+    return replace(data.dated(), tolerances=sizes)
 
 
 def deviation_text(file: ExportedFile) -> str:

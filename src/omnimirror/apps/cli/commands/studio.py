@@ -120,11 +120,16 @@ def _write_page(path: Path) -> None:
         raise click.UsageError(
             f"--page must be an HTML file, such as {path.stem or 'viewer'}.html; got {path}"
         )
-    with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
-        task = bar.add_task("Simulating rooms", total=None)
-        text = standalone_page(
-            on_progress=lambda done, all_: bar.update(task, completed=done, total=all_)
-        )
+    console = Console(stderr=True, quiet=is_quiet())
+    with progress_bar(console) as bar:
+        task = bar.add_task("Rendering rooms", total=None)
+
+        def on_progress(done: int, cameras: int) -> None:
+            bar.update(task, completed=done, total=cameras)
+            if not console.is_terminal:
+                print_remark(f"omnimirror: rendered {done} of {cameras} rooms")
+
+        text = standalone_page(on_progress=on_progress)
     write_text(path, text)
     print_line(
         f"Wrote {path}; open it in a browser, or host it on a web server, and drop images on it"
