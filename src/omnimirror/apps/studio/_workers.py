@@ -5,16 +5,19 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
+from hashlib import sha256
 from subprocess import Popen
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 from fastapi import Request, WebSocket, WebSocketDisconnect
 
 from ...base.errors import InvalidParameter
 from ...base.worker_processes import start_process, terminate_process
 from ...interop.http_server.limits import MAX_QUEUED_JOBS, ServerBusy
-from . import _board_detection_process
+from . import _board_detection_process, _outline_process
+from ._outline_process import OutlineRequest
 from .calibration_messages import BoardDetection, BoardDetectionRequest
+from .look_messages import OutlineSearchStatus
 from .messages import Problem
 
 # -- Worker processes ------------------------------------------------------------------------------
@@ -36,12 +39,15 @@ class Worker:
     def __init__(self, process: Popen[bytes]) -> None:
         self._process = process
 
-    def send(self, line: str) -> None:
-        """Send a line to the process; ignored after its end."""
+    def send(self, line: str, data: bytes | None = None) -> None:
+        """Send a line, and the length and bytes of a file; ignored after the end of the process."""
         stdin: IO[bytes] | None = self._process.stdin
         assert stdin is not None
-        with suppress(OSError):
+        with suppress(OSError, ValueError):
             stdin.write(line.encode() + b"\n")
+            if data is not None:
+                stdin.write(b"%d\n" % len(data))
+                stdin.write(data)
             stdin.flush()
 
     async def lines(self) -> AsyncIterator[str]:
@@ -107,6 +113,59 @@ async def relay(worker: Worker, socket: WebSocket, listening: asyncio.Task[Any])
         return
     finally:
         listening.cancel()
+
+
+# -- Outline searches ------------------------------------------------------------------------------
+
+MAX_CACHED_OUTLINES = 256
+"""Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
+
+
+class OutlineSearches:
+    """Outline searches in worker processes, one at a time in the order of their requests.
+
+    Results are cached for reloads of the page.
+    """
+
+    def __init__(self) -> None:
+        self._workers = Workers(_outline_process.__name__, 1, "outline searches")
+        self._turn = asyncio.Semaphore(1)
+        self._pending = 0
+        self._outlines: dict[bytes, str] = {}
+
+    async def run(self, request: OutlineRequest, data: bytes) -> AsyncIterator[str]:
+        """Yield progress messages, one per line; closing the iterator cancels the search."""
+        key = sha256(request.model_dump_json().encode() + data).digest()
+        if key in self._outlines:
+            yield self._outlines[key]
+            return
+        if self._pending >= MAX_QUEUED_JOBS:
+            yield _status("failed", "too many outline searches are queued; try again later")
+            return
+        self._pending += 1
+        try:
+            if self._turn.locked():
+                yield _status("waiting", "Waiting for another outline search")
+            async with self._turn, self._workers.one() as worker:
+                last = ""
+                await asyncio.to_thread(worker.send, request.model_dump_json(), data)
+                async for line in worker.lines():
+                    last = line
+                    yield line
+                if '"state":"done"' in last:
+                    if len(self._outlines) >= MAX_CACHED_OUTLINES:
+                        self._outlines.clear()
+                    self._outlines[key] = last
+                elif '"state":"failed"' not in last:
+                    yield _status(
+                        "failed", f"the outline search in {request.name} was interrupted; try again"
+                    )
+        finally:
+            self._pending -= 1
+
+
+def _status(state: Literal["waiting", "failed"], message: str) -> str:
+    return OutlineSearchStatus(state=state, message=message).model_dump_json() + "\n"
 
 
 # -- Pool of board detection processes -------------------------------------------------------------
