@@ -29,7 +29,7 @@ function watchServer(look: Look, tabs: Tabs): void {
         banner(there ? null : SERVER_UNAVAILABLE, "server");
         if (there && wasAway) {
           say("The server is available again.");
-          if (!look.sensor.camera) await look.begin().catch(fail);
+          await look.resume().catch(fail);
           tabs.show();
         }
         wasAway = !there;

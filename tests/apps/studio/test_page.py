@@ -336,7 +336,7 @@ def test_invalid_files_are_reported_and_image_remains(browser, server, room, tmp
     (tmp_path / "notes.png").write_text("no picture")
     page.set_input_files("#file", tmp_path / "notes.png")
     page.wait_for_selector("#banner:visible")
-    assert "notes.png must be an image" in page.locator("#banner").inner_text()
+    assert "notes.png: it must be an undamaged image file" in page.locator("#banner").inner_text()
     assert page.evaluate("window.omnimirror.look.feed.name") == room.name
     (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
     page.set_input_files("#calibration", tmp_path / "bad.toml")

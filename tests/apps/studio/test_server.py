@@ -94,7 +94,7 @@ def test_failed_outline_searches_report_reason(client):
     assert not empty["outline"]["is_reliable"]
     (*_, failed) = outline_statuses(client, b"no image", "notes.png")
     assert (failed["state"], failed["outline"]) == ("failed", None)
-    assert "notes.png must be an image" in failed["message"]
+    assert "notes.png: it must be an undamaged image file" in failed["message"]
     assert client.post("/api/outline", content=b"").status_code == 400
 
 
@@ -362,7 +362,7 @@ def test_deep_images_are_converted_to_8_bits():
     image = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
     tiff = cv2.imencode(".tif", image)[1].tobytes()
     shallow = cv2.imdecode(
-        np.frombuffer(browser_image(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED
+        np.frombuffer(browser_image(tiff, "deep.tif")[0], np.uint8), cv2.IMREAD_UNCHANGED
     )
     np.testing.assert_array_equal(shallow, np.round(image / 257).astype(np.uint8))
 

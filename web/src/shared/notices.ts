@@ -44,9 +44,25 @@ function line(subject: Subject, text: string): HTMLElement {
   return element;
 }
 
-export function busy(message: string | null): void {
+/** Progress of a long operation: completed fraction, and a function that cancels it. */
+interface Progress {
+  fraction?: number;
+  cancel?: () => void;
+}
+
+let cancelBusy: (() => void) | undefined;
+
+/** Display a long operation; null removes it. */
+export function busy(message: string | null, { fraction, cancel }: Progress = {}): void {
+  const button = byId<HTMLButtonElement>("busy-cancel");
+  if (!message && document.activeElement === button) byId("stage").focus();
   byId("busy").hidden = !message;
-  byId("busy").textContent = message ?? "";
+  byId("busy-text").textContent = message ?? "";
+  byId("busy-fraction").hidden = fraction === undefined;
+  byId<HTMLProgressElement>("busy-fraction").value = fraction ?? 0;
+  button.hidden = !cancel;
+  cancelBusy = cancel;
+  button.onclick = () => cancelBusy?.();
 }
 
 export async function copy(text: string, what: string, more = ""): Promise<void> {

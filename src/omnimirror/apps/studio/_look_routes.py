@@ -34,6 +34,7 @@ from ._outline_process import OutlineRequest
 from ._server_state import Stream
 from ._uploads import (
     browser_image,
+    display_levels,
     eight_bits,
     encoded,
     image_in,
@@ -64,9 +65,14 @@ MAX_PIXELS = 4096 * 4096
 """Maximum size of a rendered image; rendering takes 60 bytes per pixel."""
 
 
+RADIANCE_SUFFIXES = (".hdr", ".exr")
+
+
 def read_as_png(path: Path, stored_orientation: bool, on_note: Callable[[str], None]) -> bytes:
     """Return an image of the server, and report an orientation in its file."""
     image, metadata = read_image_and_metadata(path, stored_orientation=stored_orientation)
+    if image.dtype == np.float32 and path.suffix.lower() in RADIANCE_SUFFIXES:
+        image = display_levels(image)
     if metadata.orientation != UPRIGHT:
         on_note(f"{path}: {applied(metadata.orientation, stored_orientation)}")
     return png_of(image, metadata)
@@ -138,6 +144,8 @@ def render_room(named_camera: NamedCamera) -> bytes:
 
 NOTE = "omnimirror-note"
 """Response header with a sentence for the user."""
+SIZE = "omnimirror-size"
+"""Response header with the size of the original image, px."""
 
 
 def add_look(app: FastAPI, studio: Studio) -> None:
@@ -229,14 +237,24 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     @app.post(
         "/api/convert", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
     )
-    async def convert(request: Request, name: FileName = "image") -> Response:
-        """Convert an image that browsers cannot read to 8-bit PNG."""
+    async def convert(
+        request: Request,
+        name: FileName = "image",
+        max_side: Annotated[int | None, Query(ge=64)] = None,
+    ) -> Response:
+        """Convert an image that browsers cannot read to an 8-bit PNG.
+
+        Images with a longer side above ``max_side`` px are reduced; a header contains the original
+        size.
+        """
         data = await uploaded_file(request)
-        return _png(
-            await studio.unpacked.run(
-                request, lambda: browser_image(data, safe_name(name), stored_orientation=is_stored)
-            )
+        png, (width, height) = await studio.unpacked.run(
+            request,
+            lambda: browser_image(
+                data, safe_name(name), stored_orientation=is_stored, max_side_px=max_side
+            ),
         )
+        return Response(png, media_type="image/png", headers={SIZE: f"{width}x{height}"})
 
     @app.post(
         "/api/outline",
