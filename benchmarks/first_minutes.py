@@ -216,14 +216,9 @@ def tilt_of(page: Page, camera: Any) -> float:
     """Return the median angle between the verticals of the panorama and the reference, deg."""
     width, height, values = page.evaluate(COORDINATES)
     coordinates = np.reshape(values, (height, width, 4))
-    rays = camera.backproject(coordinates[..., :2].reshape(-1, 2))
-    directions = np.full((height * width, 3), np.nan)
-    index = rays.index if rays.index is not None else np.arange(height * width)
-    directions[index] = rays.directions
-    is_valid = np.zeros(height * width, bool)
-    is_valid[index] = rays.valid
-    directions = directions.reshape(height, width, 3)
-    visible = (coordinates[..., 2] > 0.5) & is_valid.reshape(height, width)
+    rays = camera.backproject(coordinates[..., :2].reshape(-1, 2).astype(float))
+    directions = rays.directions.reshape(height, width, 3)
+    visible = (coordinates[..., 2] > 0.5) & rays.valid.reshape(height, width)
     upper, lower = directions[:-1], directions[1:]
     usable = (
         visible[:-1] & visible[1:] & (abs(upper[..., 2]) < np.sin(np.radians(MAX_ELEVATION_DEG)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from urllib.parse import urlsplit
+
 import av
 import numpy as np
 import pytest
@@ -31,7 +33,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def page(browser, server):
-    page = open_page(browser, server, 1000, 900)
+    page = open_page(browser, server, 1000, 900, asks=True)
     yield page
     assert page.problems == []
     page.context.close()
@@ -157,8 +159,8 @@ def test_outline_search_is_cancelled(page, folder):
 def test_question_is_asked_after_outage(browser, folder):
     studio = Studio()
     with serving(studio) as address:
-        page = open_page(browser, address, 1000, 900)
-        port = int(address.rsplit(":", 1)[1])
+        page = open_page(browser, address, 1000, 900, asks=True)
+        port = urlsplit(address).port
     drop(page, folder / "ball.png")
     page.locator("#banner").filter(has_text="does not respond").wait_for()
     assert page.locator("#ask").is_hidden()
@@ -180,7 +182,7 @@ def test_question_is_asked_for_videos_of_server(browser, folder):
             out.mux(stream.encode(frame))
         out.mux(stream.encode())
     with serving(Studio(Sources([str(path)]))) as address:
-        page = open_page(browser, address, 1000, 900)
+        page = open_page(browser, address, 1000, 900, asks=True)
         page.locator("#ask").wait_for(state="visible")
         assert state(page)["rim"] == [pytest.approx(c, abs=1) for c in (390, 215, 180)]
         select_type(page, "Mirror ball camera level")

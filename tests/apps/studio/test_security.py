@@ -517,7 +517,8 @@ def test_truncated_uploads_are_reported_by_their_name(suffix):
         1
     ].tobytes()
     with pytest.raises(
-        MediaError, match=r"my picture\.tif(: it must be an undamaged image file|: the file is truncated)"
+        MediaError,
+        match=r"my picture\.tif(: it must be an undamaged image file|: the file is truncated)",
     ) as error:
         _uploads.image_in(data[: len(data) // 2], "my picture.tif")
     assert "/" not in str(error.value)

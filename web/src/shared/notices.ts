@@ -2,6 +2,7 @@ import { isUserError } from "./api";
 import { byId } from "./dom";
 import { INTERNAL_ERROR } from "./texts";
 
+const ERROR_MS = 30_000;
 let fading = 0;
 
 /** Display a temporary message. */
@@ -77,8 +78,10 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
 /** Report an error: its message if it is meant for users, otherwise an internal error. */
 export function report(e: unknown, about: Subject = "failure"): void {
   if (e instanceof Error && e.name === "AbortError") return; // cancelled by the caller
-  if (isUserError(e)) banner(e.message, e.name === "Away" ? "server" : about);
-  else banner(INTERNAL_ERROR, "failure");
+  if (!isUserError(e)) return banner(INTERNAL_ERROR, "failure");
+  if (e.name === "Away") return banner(e.message, "server"); // removed when the server is back
+  banner(e.message, about);
+  setTimeout(() => upright.get(about) === e.message && banner(null, about), ERROR_MS);
 }
 
 /** Report an error handled by the caller; unexpected ones are also written to the console. */
