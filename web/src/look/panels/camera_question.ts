@@ -68,8 +68,6 @@ export class CameraQuestion {
   private pending: Feed | null = null;
   /** Selection before the question, which Cancel and the end of a preview restore. */
   private before: Selection | null = null;
-  /** Selection of the current preview. */
-  private applied: Selection | null = null;
 
   constructor(
     private readonly store: Store,
@@ -183,7 +181,6 @@ export class CameraQuestion {
   private preview(type: CameraType | null): void {
     if (!this.before) return;
     const selection = type ? this.selectionOfType(type) : this.before;
-    this.applied = selection;
     background(this.callbacks.sensor().want(selection, false));
   }
 
@@ -212,25 +209,27 @@ export class CameraQuestion {
   /** Remove the question and restore the view before it. */
   private async close(): Promise<void> {
     const { before } = this;
-    this.before = null;
     this.isKnown = true;
     if (this.card.contains(document.activeElement)) byId("stage").focus();
     this.card.hidden = true;
-    this.applied = before;
     if (before) await this.callbacks.sensor().want(before, false);
-    this.applied = null;
+    this.before = null;
   }
 
   /** Remove the question if another image or sensor is selected elsewhere. */
   private follow(changed: Set<keyof State>): void {
     const { state } = this.store;
+    const previews = this.before
+      ? [this.before, ...CAMERA_TYPES.map((type) => this.selectionOfType(type))]
+      : [];
     const isPreview =
       !changed.has("source") &&
-      this.applied !== null &&
-      CHANGED.every((key) => key === "pan" || String(state[key]) === String(this.applied![key]));
+      previews.some((preview) =>
+        CHANGED.every((key) => key === "pan" || String(state[key]) === String(preview[key])),
+      );
     if (isPreview) return;
     if (!changed.has("sensor") && !changed.has("source")) return;
-    this.before = this.applied = null;
+    this.before = null;
     this.card.hidden = true;
     if (!changed.has("sensor")) return;
     this.isKnown = true;

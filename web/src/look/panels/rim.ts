@@ -199,7 +199,7 @@ const circleIn = ({ centre_px: [u, v], radius_px }: DetectedOutline): Circle => 
   radius: radius_px,
 });
 
-const percent = (share: number): string => `${Math.floor(100 * share)} %`;
+const percent = (share: number): string => `${Math.floor(100 * share)}\u00a0%`;
 
 /** Return true if the images of a camera have a given size. */
 export const hasSize = ({ image_size }: CameraInfo, [w, h]: readonly [number, number]): boolean =>

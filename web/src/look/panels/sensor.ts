@@ -132,9 +132,9 @@ export class SensorPanel {
         this.fetch(requested),
         this.callbacks.prepare(requested),
       ]);
+      const file = await stored(requested.sensor);
       if (number !== this.request) return false;
       this.chosen = Object.fromEntries(CHOSEN.map((key) => [key, requested[key]])) as Chosen;
-      const file = await stored(requested.sensor);
       this.createdFile = file?.isMade ? file : null;
       show?.();
       this.take(camera);
