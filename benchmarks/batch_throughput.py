@@ -1,9 +1,11 @@
 """Measure the throughput and overhead of batch processing against a bare loop.
 
-Interleaved rounds of a bare loop (decode, dewarp, encode, write), one thread of the batch runner, one and two worker
-processes, and a local Dask cluster with two workers. Each run processes the same images to a new folder; start and
-planning are measured with a second job of few images and subtracted. The overhead per image is measured with images so
-small that processing is negligible, in processor time. The minimum over the rounds is reported.
+Interleaved rounds of a bare loop (decode, dewarp, encode, write) in one and in two independent processes, the batch
+runner with one thread, one and two worker processes, and a local Dask cluster with two workers. Each run writes to a
+new folder. Rates and processor times exclude the start: they are those of the second half of the images of a run. The
+maximum rate and the minimum processor time over the rounds are reported. Two independent bare loops show how much of
+two cores is available: the ratios of two workers are to be compared with theirs. A worker is busy while it runs or
+waits for a core (Linux); with the processor time, its busy share is the rate with a free core per worker.
 
     python benchmarks/batch_throughput.py -o out/benchmarks
 """
@@ -11,16 +13,18 @@ small that processing is negligible, in processor time. The minimum over the rou
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
 import shutil
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from multiprocessing.synchronize import Barrier
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import psutil
 from measurement_conditions import load_warning, processor_name
 
 import omnimirror as om
@@ -30,107 +34,170 @@ from omnimirror.interop.batch.job import BatchJob, parse_job
 from omnimirror.io.images import decode_image_and_metadata, encode_image
 
 MODEL_WORKERS, IMAGES_PER_DAY = 64, 1_000_000
+BARE, BARE_TWO = "bare loop", "bare loop, two processes"
+THREAD, PROCESS = "batch, one thread", "batch, one process"
+TWO, DASK = "batch, two processes", "batch, Dask, two workers"
+REFERENCES = {BARE_TWO: BARE, THREAD: BARE, PROCESS: BARE, TWO: PROCESS, DASK: TWO}
 
 
-def make_job(folder: Path, name: str, size: str, workers: int) -> BatchJob:
+def make_job(folder: Path, name: str, size: str, workers: int, per_block: int = 4) -> BatchJob:
     """Return a job from ``raw`` to a new folder."""
     text = (
         f"[inputs]\nfiles = ['raw']\n[[sensor]]\nfile = 'camera.toml'\n[view.panorama]\n"
         f"view = 'panorama'\nsize = {size}\n[output]\nurl = '{name}'\nformat = '.jpg'\n"
-        f"[execution]\nworkers = {workers}\nper_block = 8\n"
+        f"[execution]\nworkers = {workers}\nper_block = {per_block}\n"
     )
     return parse_job(text, folder=folder)
 
 
 class Cost(NamedTuple):
-    """Wall time and processor time of a run, s."""
+    """Images per second, processor time of all processes per image in ms, and busy share of workers."""
+
+    rate: float
+    processor_ms: float
+    busy: float = 1.0
+
+
+def bare_loop(job: BatchJob, name: str, barrier: Barrier, costs: Any) -> None:
+    """Process all images on one thread; report the cost of the second half."""
+    backend.set_threads(1)
+    camera = om.load_camera(job.folder / "camera.toml")
+    dewarp = om.Dewarper(camera, job.views["panorama"](camera))
+    paths = sorted((job.folder / "raw").iterdir())
+    out = Path(job.output_url) / name
+    out.mkdir(parents=True)
+    dewarp(om.read_image(paths[0]), False)
+    barrier.wait()
+    start = time.perf_counter(), time.process_time()
+    for number, path in enumerate(paths):
+        if number == len(paths) // 2:
+            start = time.perf_counter(), time.process_time()
+        image, _ = decode_image_and_metadata(path, path.read_bytes())
+        (out / path.name).write_bytes(encode_image(path.name, dewarp(image, False)))
+    count = len(paths) - len(paths) // 2
+    wall, processor = time.perf_counter() - start[0], time.process_time() - start[1]
+    costs.put(Cost(count / wall, 1000 * processor / count))
+
+
+def run_bare_loops(job: BatchJob, processes: int) -> Cost:
+    """Return the cost of independent processes, which process all images each."""
+    context = multiprocessing.get_context("spawn")
+    barrier, queue = context.Barrier(processes), context.Queue()
+    loops = [
+        context.Process(target=bare_loop, args=(job, str(number), barrier, queue))
+        for number in range(processes)
+    ]
+    for loop in loops:
+        loop.start()
+    costs: list[Cost] = [queue.get() for _ in loops]
+    for loop in loops:
+        loop.join()
+    return Cost(sum(c.rate for c in costs), sum(c.processor_ms for c in costs) / processes)
+
+
+class Usage(NamedTuple):
+    """State of this process and its children: wall time, processor time and busy time by process, s."""
 
     wall: float
     processor: float
+    busy: dict[int, float]
 
 
-def run_bare_loop(folder: Path, job: BatchJob) -> Cost:
-    """Return the cost of a bare loop on one thread; maps are computed before."""
-    camera = om.load_camera(folder / "camera.toml")
-    dewarp = om.Dewarper(camera, job.views["panorama"](camera))
-    paths = sorted((folder / "raw").iterdir())
-    out = Path(job.output_url)
-    out.mkdir()
-    dewarp(om.read_image(paths[0]), False)
-    start = time.perf_counter(), time.process_time()
-    for path in paths:
-        image, _ = decode_image_and_metadata(path, path.read_bytes())
-        (out / path.name).write_bytes(encode_image(path.name, dewarp(image, False)))
-    return Cost(time.perf_counter() - start[0], time.process_time() - start[1])
+def usage() -> Usage:
+    """Return the current state; the busy time of a process is that of its busiest thread."""
+    own = psutil.Process()
+    processes = [own, *own.children(recursive=True)]
+    times = [process.cpu_times() for process in processes]
+    busy = {}
+    for process in processes[1:]:
+        files = Path(f"/proc/{process.pid}/task").glob("*/schedstat")
+        threads = [[int(value) for value in file.read_text().split()] for file in files]
+        run, wait, _ = max(threads, default=[0, 0, 0])
+        busy[process.pid] = (run + wait) / 1e9
+    return Usage(time.perf_counter(), sum(each.user + each.system for each in times), busy)
 
 
 def run_batch(job: BatchJob, scheduler: str) -> Cost:
-    """Return the cost of a run, from its second half: without the start of workers and the maps."""
-    progress: list[tuple[int, float]] = []
-    status = om.batch.run(
-        job,
-        scheduler=scheduler,
-        on_progress=lambda done, total: progress.append((done, time.process_time())),
-    )
+    """Return the cost of a run."""
+    progress: list[tuple[int, Usage]] = []
+
+    def record(done: int, total: int) -> None:
+        if done == total or (done >= total // 2 and not progress):
+            progress.append((done, usage()))
+
+    status = om.batch.run(job, scheduler=scheduler, on_progress=record)
     assert status.failed == 0
-    rows = sorted(row.finished for row in om.batch.plan(job).manifest.rows.values())
-    skipped = len(rows) // 2
-    wall = (rows[-1] - rows[skipped]) * len(rows) / (len(rows) - 1 - skipped)
-    (first, start), (last, end) = progress[len(progress) // 2], progress[-1]
-    return Cost(wall, (end - start) * len(rows) / (last - first))
+    (first, start), (last, end) = progress[0], progress[-1]
+    count, wall = last - first, end.wall - start.wall
+    shares = sorted((end.busy[pid] - start.busy.get(pid, 0.0)) / wall for pid in end.busy)
+    workers = shares[-(job.execution.workers or 1) :]
+    return Cost(
+        count / wall,
+        1000 * (end.processor - start.processor) / count,
+        sum(workers) / len(workers) if workers else 1.0,
+    )
 
 
-def measure(folder: Path, size: str, rounds: int, address: str) -> dict[str, list[Cost]]:
-    """Return the durations of all methods, interleaved."""
+def measure(
+    folder: Path, size: str, rounds: int, per_block: int, with_dask: bool
+) -> dict[str, list[Cost]]:
+    """Return the costs of all methods, interleaved."""
     methods: dict[str, Callable[[BatchJob], Cost]] = {
-        "bare loop": lambda job: run_bare_loop(folder, job),
-        "batch, one thread": lambda job: run_batch(job, "threads"),
-        "batch, one process": lambda job: run_batch(job, "processes"),
-        "batch, two processes": lambda job: run_batch(job, "processes"),
-        "batch, Dask, two workers": lambda job: run_batch(job, address),
+        BARE: lambda job: run_bare_loops(job, 1),
+        BARE_TWO: lambda job: run_bare_loops(job, 2),
+        THREAD: lambda job: run_batch(job, "threads"),
+        PROCESS: lambda job: run_batch(job, "processes"),
+        TWO: lambda job: run_batch(job, "processes"),
+        DASK: lambda job: run_batch(job, "local"),
     }
-    if not address:
-        del methods["batch, Dask, two workers"]
-    times: dict[str, list[Cost]] = {name: [] for name in methods}
+    if not with_dask:
+        del methods[DASK]
+    costs: dict[str, list[Cost]] = {name: [] for name in methods}
     for number in range(rounds):
         for name, method in methods.items():
             workers = 2 if "two" in name else 1
             backend.set_threads(1)
-            job = make_job(folder, f"out-{number}-{len(times[name])}-{workers}", size, workers)
-            shutil.rmtree(job.output_url, ignore_errors=True)
-            times[name].append(method(job))
-            shutil.rmtree(job.output_url)
-    return times
+            output = f"out-{number}-{list(methods).index(name)}"
+            costs[name].append(method(make_job(folder, output, size, workers, per_block)))
+            shutil.rmtree(folder / output)
+    return costs
 
 
-def table(times: dict[str, list[Cost]], count: int) -> list[str]:
+def max_rate(costs: list[Cost]) -> float:
+    """Return the maximum rate of several rounds."""
+    return max(cost.rate for cost in costs)
+
+
+def min_processor_ms(costs: list[Cost]) -> float:
+    """Return the minimum processor time per image of several rounds, ms."""
+    return min(cost.processor_ms for cost in costs)
+
+
+def max_busy(costs: list[Cost]) -> float:
+    """Return the maximum busy share of several rounds."""
+    return max(cost.busy for cost in costs)
+
+
+def free_rate(costs: list[Cost], workers: int) -> float:
+    """Return the rate with a free core per worker, images/s."""
+    return 1000 * workers * max_busy(costs) / min_processor_ms(costs)
+
+
+def table(costs: dict[str, list[Cost]]) -> list[str]:
     """Return the rows of a table of rates."""
     rows = [
-        "| method | images/s | relative rate | processor time per image, ms |",
-        "|---|---:|---:|---:|",
+        "| method | images/s | relative rate | processor time per image, ms | workers busy, % |",
+        "|---|---:|---:|---:|---:|",
     ]
-    walls = {name: min(cost.wall for cost in costs) for name, costs in times.items()}
-    for name, costs in times.items():
-        references = {
-            "batch, two processes": "batch, one process",
-            "batch, Dask, two workers": "batch, two processes",
-        }
-        reference = references.get(name, "bare loop")
-        in_process = "bare" in name or "thread" in name
-        processor_ms = f"{1000 * min(c.processor for c in costs) / count:.2f}" if in_process else ""
-        ratio = walls[reference] / walls[name]
+    for name, runs in costs.items():
+        reference = REFERENCES.get(name, BARE)
+        ratio = max_rate(runs) / max_rate(costs[reference])
+        relative = f"{ratio:.2f} of {reference}"
         rows.append(
-            f"| {name} | {count / walls[name]:.1f} | {ratio:.2f} of {reference} | {processor_ms} |"
+            f"| {name} | {max_rate(runs):.1f} | {relative} | {min_processor_ms(runs):.2f} "
+            f"| {100 * max_busy(runs):.0f} |"
         )
     return rows
-
-
-def cluster(stack: ExitStack) -> str:
-    """Start a cluster with two workers and return its address."""
-    from distributed import LocalCluster
-
-    started = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0")
-    return str(stack.enter_context(started).scheduler_address)
 
 
 def write_images(folder: Path, count: int, width: int) -> None:
@@ -161,32 +228,33 @@ def main() -> None:
     load_note = load_warning()
     with tempfile.TemporaryDirectory() as folder:
         write_images(Path(folder), options.images, 1024)
-        with ExitStack() as stack:
-            address = "" if options.without_dask else cluster(stack)
-            large = measure(Path(folder), "[1024, 256]", options.rounds, address)
+        large = measure(Path(folder), "[1024, 256]", options.rounds, 8, not options.without_dask)
     with tempfile.TemporaryDirectory() as folder:
         write_images(Path(folder), 5 * options.images, 64)
-        small = measure(Path(folder), "[64, 16]", options.rounds, "")
+        small = measure(Path(folder), "[64, 16]", options.rounds, 32, False)
     lines += [
         f"{options.images} JPEG images of 1024 x 1024 px to panoramas of 1024 x 256 px; {processor_name()}, "
         f"{os.cpu_count()} cores.{load_note}",
         "",
-        *table(large, options.images),
+        *table(large),
         "",
         f"{5 * options.images} images of 64 x 64 px, for the overhead per image:",
         "",
-        *table(small, 5 * options.images),
+        *table(small),
         "",
     ]
-    count = 5 * options.images
-    minima = {name: min(cost.processor for cost in costs) for name, costs in small.items()}
-    overhead = (minima["batch, one thread"] - minima["bare loop"]) / count
-    cost = min(cost.wall for cost in large["batch, one process"]) / options.images
-    rate = MODEL_WORKERS / cost
+    overhead_ms = min_processor_ms(small[PROCESS]) - min_processor_ms(small[BARE])
+    cost_ms = min_processor_ms(large[PROCESS])
+    rate = 1000 * MODEL_WORKERS / cost_ms
+    ratio = max_rate(large[TWO]) / max_rate(large[PROCESS])
+    bare_ratio = max_rate(large[BARE_TWO]) / max_rate(large[BARE])
+    free_ratio = free_rate(large[TWO], 2) / free_rate(large[PROCESS], 1)
     lines.append(
-        f"Overhead of the runner: {1000 * overhead:.2f} ms per image. Model for {MODEL_WORKERS} workers: "
-        f"{rate:.0f} images/s at {1000 * cost:.1f} ms per image and worker; {IMAGES_PER_DAY:,} images per "
-        f"day require {IMAGES_PER_DAY * cost / 86400:.2f} workers."
+        f"Overhead of the runner: {overhead_ms:.2f} ms of processor time per image. Two worker processes reach "
+        f"{ratio:.2f} times one; two independent bare loops {bare_ratio:.2f} times one. With a free core per worker, "
+        f"processor times and busy shares correspond to {free_ratio:.2f} times one. Model for {MODEL_WORKERS} workers "
+        f"with one core each: {rate:.0f} images/s at {cost_ms:.1f} ms per image; {IMAGES_PER_DAY:,} images per day "
+        f"require {IMAGES_PER_DAY * cost_ms / 86_400_000:.2f} workers."
     )
     write_text(options.output / "batch_throughput.md", "\n".join(lines) + "\n")
     print("\n".join(lines))

@@ -26,8 +26,8 @@ from measurement_conditions import processor_name
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.cameras.frames import Mount
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.cameras.camera import Camera, Mount
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.calibration.targets.rendering import photographed, pose
 
 BOARD = om.Board("chessboard", 9, 6, 30.0)
@@ -221,7 +221,7 @@ def _sensor(name: str) -> om.Sensor:
     return replace(sensor, imager=imager, mount=Mount("up", -90.0, False, 3.0, -2.0))
 
 
-def _directions(truth: om.Camera, camera: om.Camera, pixels: np.ndarray) -> str:
+def _directions(truth: Camera, camera: Camera, pixels: np.ndarray) -> str:
     """Format the direction error in the camera frame, its predicted value, and the fraction within
     three sigma."""
     a, b = truth.backproject(pixels), camera.backproject(pixels)

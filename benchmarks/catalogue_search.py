@@ -66,7 +66,7 @@ def requirements_for(blur_deg: float) -> om.Requirements:
             om.Limit("total_blur_deg", at_most=blur_deg),
             om.Limit("resolution_px_per_deg", at_least=4.0),
         ],
-        components=om.PartsRequirements(max_height_mm=250.0),
+        parts=om.PartsRequirements(max_height_mm=250.0),
     )
 
 

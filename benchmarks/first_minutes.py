@@ -34,7 +34,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.calibration.levelling import level_from_image
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.io import read_image, write_image
 from omnimirror.optics.image_sensor import Imager
 

@@ -191,13 +191,13 @@ def measure_gateway(
         start, received = time.monotonic(), gateway.frames_received
         initial_counts = (
             sum(v.frames_dewarped for v in gateway.views.values()),
-            sum(v.dropped for v in gateway.views.values()),
+            sum(v.frames_dropped for v in gateway.views.values()),
         )
         first = len(latencies.seconds)
         time.sleep(seconds)
         after, elapsed_s = resource.getrusage(resource.RUSAGE_SELF), time.monotonic() - start
         dewarped = sum(v.frames_dewarped for v in gateway.views.values()) - initial_counts[0]
-        dropped = sum(v.dropped for v in gateway.views.values()) - initial_counts[1]
+        dropped = sum(v.frames_dropped for v in gateway.views.values()) - initial_counts[1]
         received_frames = gateway.frames_received - received
         client.terminate()
         server.should_exit = True

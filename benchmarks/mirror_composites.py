@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnimirror as om
-from omnimirror.cameras.frames import pan_tilt_direction
+from omnimirror.cameras.camera import pan_tilt_direction
 from omnimirror.io import read_image
 from omnimirror.simulation.rendering import render_pinhole_image
 

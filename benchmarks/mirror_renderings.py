@@ -31,8 +31,9 @@ from numpy.typing import NDArray
 import omnimirror as om
 from omnimirror.optics.housing import CameraBody, Housing, Rod
 from omnimirror.optics.image_sensor import Imager
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.radiometry import Radiometry
+from omnimirror.simulation.scenes.scene import Scene
 
 SIZES = ((640, 480), (640, 640), (960, 720), (1280, 720), (1024, 1024), (1280, 960))
 SENSORS = (
@@ -267,7 +268,7 @@ def _square(number: int, folder: Path | None) -> tuple[ImageArray, float]:
     return om.render_image(sensor, _scene(rng, folder), samples=2), 0.48 * size_px
 
 
-def _scene(rng: np.random.Generator, folder: Path | None) -> om.Scene:
+def _scene(rng: np.random.Generator, folder: Path | None) -> Scene:
     kind = rng.integers(4)
     if kind == 3:
         environment = environments(folder)[rng.integers(len(environments(folder)))]
@@ -286,7 +287,7 @@ def _scene(rng: np.random.Generator, folder: Path | None) -> om.Scene:
 
 
 @cache
-def _bundled_scene(name: str) -> om.Scene:
+def _bundled_scene(name: str) -> Scene:
     return om.load_scene(name, texel_mm=10.0)
 
 

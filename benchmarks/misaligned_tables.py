@@ -18,7 +18,7 @@ import omnimirror as om
 from omnimirror.apps.studio._camera_tables import camera_model, camera_tables
 from omnimirror.base.files import write_text
 from omnimirror.optics.housing import Dome, Housing, Tube
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 POSE = MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)
 

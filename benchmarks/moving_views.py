@@ -30,7 +30,7 @@ from timing import measure_interleaved
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.cameras.frames import view_axes
+from omnimirror.cameras.camera import view_axes
 from omnimirror.dewarp._source_coordinates import lattice_map_of, polar_map_of
 from omnimirror.optics.image_sensor import Imager
 

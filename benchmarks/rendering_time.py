@@ -28,7 +28,7 @@ from measurement_conditions import describe_conditions
 import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.files import write_text
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
 

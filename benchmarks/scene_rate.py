@@ -30,8 +30,8 @@ from omnimirror.simulation.pixel_rays import REFLECTED, sampling_plan
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose, trace_bundle
 from omnimirror.simulation.scenes.calibration_hall import Hall
+from omnimirror.simulation.scenes.scene import facets
 from omnimirror.simulation.scenes.street import Street
-from omnimirror.simulation.scenes.surfaces import facets
 
 RINGS = (36, 143, 570)  # spheres of 5,000, 82,000 and 1.3 million triangles
 TRACED_PX, IMAGE_PX, RAYS = 512, 1000, 16

@@ -105,7 +105,7 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
         slot=0,
         number=0,
         tables=sensor.tables,
-        follows_mapping=sensor.follows,
+        follows_mapping=sensor.follows_mapping,
         object_distance_mm=None,
         include_section=True,
         include_squares=True,

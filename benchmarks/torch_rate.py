@@ -26,7 +26,7 @@ import omnimirror as om
 from omnimirror.base.files import write_text
 from omnimirror.base.native import backend
 from omnimirror.interop.torch import TorchCamera, differentiable
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 RAYS = {"cpu": 1 << 20, "cuda": 1 << 24}
 RATES = {"cpu": "rays/s per core", "cuda": "rays/s"}

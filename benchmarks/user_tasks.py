@@ -30,7 +30,7 @@ from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 import omnimirror as om
 from omnimirror.base.files import write_text
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.io import write_image
 
 SCREENS = {"1280": (1280, 800), "360": (360, 740), "2560": (2560, 1440)}

@@ -39,8 +39,7 @@ EXTRAS = {
     "webrtc": "import omnimirror.interop.gateway.serving, aiortc",
     "tables": "import omnimirror as om; "
     "om.best_focus(om.load_sensor('paper-spherical')).to_dataframe()",
-    "torch": "import omnimirror as om; from omnimirror.interop.torch import differentiable; "
-    "differentiable(om.load_sensor('paper-spherical'))",
+    "torch": "import omnimirror as om; om.torch.differentiable(om.load_sensor('paper-spherical'))",
     "studio": "from omnimirror.apps.studio.app import create_app; create_app()",
 }
 

@@ -123,7 +123,7 @@ READS = {
     "interop.gateway.publishing": "streams",
     "simulation.datasets": "writes",
     "interop.view_maps._arrays": "writes",
-    "io._image_metadata": "the header of bytes that were read",
+    "io.image_metadata": "the header of bytes that were read",
     "io.exr": "bytes that were read and checked",
     "io.images": "bytes that were read and checked",
     "apps.studio._uploads": "bytes of a request, limited",

@@ -183,7 +183,7 @@ def test_adding_a_mirror(copy):
     (mirrors / "bowl.py").write_text(MIRROR)
     edit(
         mirrors / "__init__.py",
-        ("from .mappings import (\n", "from .bowl import Paraboloid\nfrom .mappings import (\n"),
+        ("from .splines import", "from .bowl import Paraboloid\nfrom .splines import"),
         (
             "SHAPES: tuple[type[Mirror], ...] = (\n",
             "SHAPES: tuple[type[Mirror], ...] = (\n    Paraboloid,\n",
@@ -201,8 +201,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .camera_model import Optics
-from .radial_model import FocalModel, RadialProjection
+from .camera_model import FocalModel, Optics, RadialProjection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -459,7 +458,7 @@ def test_adding_a_tab_to_the_studio(tmp_path):
             'import { begin as beginNotes } from "./notes/entry";\nimport { byId, embeddedData }',
         ),
         ('calibrate: "calibrate" } as const', 'calibrate: "calibrate", notes: "notes" } as const'),
-        ('calibrate: "#calibrate .desk" }', 'calibrate: "#calibrate .desk", notes: "#notes" }'),
+        ('calibrate: "#calibrate .desk",', 'calibrate: "#calibrate .desk", notes: "#notes",'),
         (
             "    const requested = LAZY_TABS[tab];",
             '    if (tab === "notes" && !byId("notes").hasChildNodes()) beginNotes(byId("notes"), this.store);\n'

@@ -110,9 +110,9 @@ def command(*arguments: object) -> None:
 
 
 def board_images() -> None:
-    from tests.apps.studio.boards import WHOLE, png
+    from tests.apps.studio.boards import COMPLETE_COUNT, png
 
-    for number in range(WHOLE):
+    for number in range(COMPLETE_COUNT):
         Path(f"{number}.png").write_bytes(png(number))
 
 
@@ -229,7 +229,8 @@ def entered(walk: Callable[[], None]) -> list[str]:
 
     def note(frame: FrameType, event: str, _: object) -> None:
         name = frame.f_globals.get("__name__", "")
-        if event == "call" and name.startswith("omnimirror."):
+        is_written = not frame.f_code.co_filename.startswith("<")  # methods of dataclasses are not
+        if event == "call" and is_written and name.startswith("omnimirror."):
             short = name.removeprefix("omnimirror.")
             if not order or order[-1] != short:
                 order.append(short)

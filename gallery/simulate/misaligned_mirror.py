@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import omnimirror as om
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 nominal = om.load_sensor("paper-spherical")
 misaligned = replace(nominal, mirror_pose=MirrorPose(decentre_x_mm=1.0, tilt_x_deg=1.0))

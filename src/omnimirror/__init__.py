@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from .analysis.evaluation import evaluate as evaluate
     from .analysis.evaluation import field_angles as field_angles
     from .analysis.focus import best_focus as best_focus
+    from .analysis.focus import best_viewpoint as best_viewpoint
     from .analysis.ghost_images import ghosts as ghosts
-    from .analysis.meridional_imaging import best_viewpoint as best_viewpoint
     from .analysis.operating_conditions import at_temperature as at_temperature
     from .analysis.operating_conditions import at_wavelength as at_wavelength
     from .analysis.operating_conditions import thermal_motion_px as thermal_motion_px
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .analysis.relative_illumination import illumination as illumination
     from .analysis.spot_diagrams import check_blur as check_blur
     from .analysis.spot_diagrams import spots as spots
+    from .apps import plot as plot
     from .apps.reports import write_demo as write_demo
     from .apps.reports.calibration import write_calibration_figures as write_calibration_figures
     from .apps.reports.calibration import write_calibration_report as write_calibration_report
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from .apps.studio.pages import InteractiveView as InteractiveView
     from .apps.studio.pages import show as show
     from .base.errors import OmnimirrorError as OmnimirrorError
+    from .base.errors import OmnimirrorWarning as OmnimirrorWarning
     from .calibration.conversion import convert as convert
     from .calibration.estimation import Calibration as Calibration
     from .calibration.estimation import Observation as Observation
@@ -112,6 +114,7 @@ if TYPE_CHECKING:
     from .dewarp.video_files import dewarp_video as dewarp_video
     from .dewarp.views import register_view as register_view
     from .interop import batch as batch
+    from .interop import torch as torch
     from .interop.colmap import ColmapProject as ColmapProject
     from .interop.colmap import write_colmap as write_colmap
     from .interop.file_schemas import schema as schema
@@ -139,7 +142,6 @@ if TYPE_CHECKING:
     )
     from .manufacturing.tolerancing.mirror_form import as_built as as_built
     from .manufacturing.tolerancing.mirror_form import form_effect as form_effect
-    from .manufacturing.tolerancing.perturbation import perturbed as perturbed
     from .manufacturing.tolerancing.sweep import Sweep as Sweep
     from .manufacturing.tolerancing.tolerance_analysis import ToleranceReport as ToleranceReport
     from .manufacturing.tolerancing.tolerance_analysis import TypicalSensor as TypicalSensor
@@ -150,6 +152,7 @@ if TYPE_CHECKING:
     from .manufacturing.tolerancing.tolerance_file import tolerance_template as tolerance_template
     from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
+    from .manufacturing.tolerancing.tolerances import perturbed as perturbed
     from .optics.mirrors import register_mirror as register_mirror
     from .optics.sensor import Sensor as Sensor
     from .optics.sensor_files import bundled_sensors as bundled_sensors
@@ -187,7 +190,7 @@ __version__ = "0.2.0"
 
 _HOMES = {
     "best_focus": "analysis.focus",
-    "best_viewpoint": "analysis.meridional_imaging",
+    "best_viewpoint": "analysis.focus",
     "temperature_range": "design.requirement_check",
     "at_temperature": "analysis.operating_conditions",
     "at_wavelength": "analysis.operating_conditions",
@@ -239,6 +242,7 @@ _HOMES = {
     "MirrorOutline": "calibration.rim",
     "load_ocam": "cameras.models",
     "OmnimirrorError": "base.errors",
+    "OmnimirrorWarning": "base.errors",
     "MirrorBall": "cameras.models",
     "OCam": "cameras.models",
     "RadialSpline": "cameras.models",
@@ -348,7 +352,7 @@ _HOMES = {
     "show": "apps.studio.pages",
     "Tolerance": "manufacturing.tolerancing.tolerances",
     "load_tolerances": "manufacturing.tolerancing.tolerance_file",
-    "perturbed": "manufacturing.tolerancing.perturbation",
+    "perturbed": "manufacturing.tolerancing.tolerances",
     "tolerance": "manufacturing.tolerancing.tolerance_analysis",
     "tolerance_conflicts": "manufacturing.tolerancing.drawing_conflicts",
     "tolerance_template": "manufacturing.tolerancing.tolerance_file",
@@ -359,8 +363,13 @@ _HOMES = {
     "typical_sensors": "manufacturing.tolerancing.tolerance_analysis",
     "TypicalSensor": "manufacturing.tolerancing.tolerance_analysis",
 }
-_MODULES = {"batch": "interop.batch", "mirrors": "optics.mirrors"}
-__all__ = ["__version__", "batch", *_HOMES]
+_MODULES = {
+    "batch": "interop.batch",
+    "mirrors": "optics.mirrors",
+    "plot": "apps.plot",
+    "torch": "interop.torch",
+}
+__all__ = ["__version__", "batch", "plot", "torch", *_HOMES]
 
 
 if not TYPE_CHECKING:  # type checkers see the names above and must reject all others

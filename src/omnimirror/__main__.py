@@ -10,7 +10,7 @@ def run() -> None:
     Unlike :func:`omnimirror.apps.cli.main`, which restores the process state for its caller, it may
     configure the process.
     """
-    # Must be set before NumPy is imported; see omnimirror.cameras.frames.rotate_vectors. Commands use their
+    # Must be set before NumPy is imported; see omnimirror.cameras.camera.rotate_vectors. Commands use their
     # own threads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:

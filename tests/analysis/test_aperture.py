@@ -19,7 +19,7 @@ from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.optics.housing import CameraBody, Housing
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.materials import reflectance
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import MIRRORS, M, sensor_of
 from tests.everyday import FEW_MIRRORS, few
 

@@ -8,7 +8,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.base.parameters import Uncertainty
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.commands import omnimirror
 from tests.contracts.test_camera_models import MODELS
 

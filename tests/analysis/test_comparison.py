@@ -16,7 +16,7 @@ from omnimirror.optics.housing import Dome, Housing, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
 from omnimirror.optics.lenses import SurfaceLens
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorForm, MirrorPose
 from tests.conftest import sensor_of
 
 NAMES = (

@@ -13,10 +13,11 @@ from omnimirror.analysis.focus import (
     FOCUS_MERITS,
     FocusedBlur,
     FocusStudy,
+    ImagingCharacteristics,
     _focusable_interval,
     focus_function,
+    virtual_images,
 )
-from omnimirror.analysis.meridional_imaging import ImagingCharacteristics, virtual_images
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.optimisation import minimise_scalar
 from omnimirror.design import RimRay, generated_mirror
@@ -24,7 +25,7 @@ from omnimirror.design.component_selection import best_apertures
 from omnimirror.optics.housing import Housing, Tube
 from omnimirror.optics.lenses import Orthographic, Perspective, SurfaceLens
 from omnimirror.optics.mirrors import EvenPolynomial
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import sensor_of
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.analysis.cross_section import image_curves
-from omnimirror.analysis.meridional_imaging import (
+from omnimirror.analysis.focus import (
     distances_from_lens,
     imaging_characteristics,
     viewpoint_angle_error,

@@ -117,7 +117,7 @@ def bundle(omega_deg, side, reach=1.15):
 
     def height(x):
         """Return the height in a plane within the lens, without the glass."""
-        p, d = own.off_sphere(omega, 0.0, (x, 0.0), A, M)
+        p, d = own.point_of_sphere(omega, 0.0, (x, 0.0), A, M)
         return (p + (2.5 - p[2]) / d[2] * d)[0]
 
     middle = np.array(

@@ -21,7 +21,7 @@ from omnimirror.base.errors import (
 )
 from omnimirror.optics.lenses import Orthographic
 from omnimirror.optics.mirrors import EvenPolynomial, Flat, Paraboloid, Secondary, Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.radiometry import Radiometry
 from tests.conftest import M
 

@@ -277,9 +277,11 @@ def test_errata_page_quotes_computed_values(rows):
 
 def test_figures_use_paper_approximations(tmp_path):
     calls = []
-    files = draw_figures(tmp_path, ["fig5", "fig5"], formats=["svg"], on_progress=calls.append)
+    files = draw_figures(
+        tmp_path, ["fig5", "fig5"], formats=["svg"], on_progress=lambda *n: calls.append(n)
+    )
     assert [f.name for f in files] == ["fig5.svg"]
-    assert calls == ["fig5"]
+    assert calls == [(1, 1)]
     assert ">SPH<" in files[0].read_text(encoding="utf-8")
 
 

@@ -1,6 +1,7 @@
 """Blocks in threads, worker processes and on a Dask cluster."""
 
 import os
+import platform
 import signal
 import subprocess
 import sys
@@ -241,3 +242,32 @@ with workers_in_processes(1) as workers:
     while Path(f"/proc/{worker}").exists() and time.monotonic() < end:
         time.sleep(0.05)
     assert not Path(f"/proc/{worker}").exists()
+
+
+PAGE_FAULTS = """
+import resource
+from omnimirror.base.block_runner import reuse_freed_memory
+
+def page_faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(20):
+        bytearray(4 << 20)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+before = page_faults()
+reuse_freed_memory()
+print(before, page_faults())
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="requires the GNU C library")
+def test_cluster_workers_reuse_the_memory_of_images():
+    program = subprocess.run(
+        [sys.executable, "-c", PAGE_FAULTS],
+        env=os.environ | {"MALLOC_TRIM_THRESHOLD_": "65536"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    before, after = map(int, program.stdout.split())
+    assert after < before / 5

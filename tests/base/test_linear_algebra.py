@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from omnimirror.base.linear_algebra import MAX_MULTIPLICATIONS, matrix_product
+from omnimirror.base.numerics import MAX_MULTIPLICATIONS, matrix_product
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
@@ -42,7 +42,7 @@ def test_matrix_larger_than_block_is_multiplied_by_rows(columns):
 IDLE = """
 import os, threading
 import numpy as np
-from omnimirror.base.linear_algebra import matrix_product
+from omnimirror.base.numerics import matrix_product
 
 def others():
     mine, ticks = threading.get_native_id(), 0

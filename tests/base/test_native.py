@@ -22,7 +22,7 @@ from omnimirror.cameras import camera as cameras
 from omnimirror.dewarp import _source_coordinates, sampling
 from omnimirror.optics.batch import best_focus, evaluate
 from omnimirror.simulation import pixel_rays
-from omnimirror.simulation.scenes import surfaces
+from omnimirror.simulation.scenes import scene
 from tests.everyday import few
 from tests.fuzz.native_arguments import Buffers, Recipes, functions_of
 
@@ -265,7 +265,7 @@ SHARED = {
     },
     "designs/workspace.hpp": {"DEGREE": np.pi / 180},
     "designs/focus.hpp": {"TANGENT_MARGIN": best_focus.TANGENT_MARGIN},
-    "exposure/packets.hpp": {"EDGE_MARGIN": surfaces.EDGE_MARGIN},
+    "exposure/packets.hpp": {"EDGE_MARGIN": scene.EDGE_MARGIN},
     "exposure/exposure.hpp": {
         "LOST": pixel_rays.LOST,
         "REFLECTED": pixel_rays.REFLECTED,

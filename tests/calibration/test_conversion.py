@@ -11,9 +11,9 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError, SpecError
 from omnimirror.calibration.conversion import convert
 from omnimirror.calibration.formats import FORMATS
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import KannalaBrandt, OCam, Unified, ViewpointSpline
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.everyday import few
 
 SAMPLE = Path(__file__).parents[3] / "shared/data/ocamcalib_cpp_sample"

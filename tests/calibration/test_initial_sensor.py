@@ -13,7 +13,7 @@ from omnimirror.cameras.models import Unified
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import ConicAsphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import sensor_of
 from tests.everyday import few
 

@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.calibration.levelling import level_from_image
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 
 
 @pytest.mark.full

@@ -14,9 +14,9 @@ from omnimirror.calibration import edge_detection
 from omnimirror.calibration.edge_detection import edge_chains
 from omnimirror.calibration.levelling import level_from_edges
 from omnimirror.calibration.plumb_lines import draw_edges
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import Unified
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.commands import omnimirror
 
 SIZE = (640, 640)

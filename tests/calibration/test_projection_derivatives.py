@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.optics.housing import Dome, Housing, Tube
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 POSE = MirrorPose(0.3, -0.2, 0.1, 0.2, 0.1)
 FREE = ("focal", "decentre", "tilt", "distance", "shape", "centre")

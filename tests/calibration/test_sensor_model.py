@@ -8,8 +8,8 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.sensor_parameters import parameter_names
-from omnimirror.cameras.frames import Mount
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.cameras.camera import Mount
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cameras.frames import Mount
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.cameras.camera import Mount
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.rendering import render_pinhole_image
 from omnimirror.simulation.scenes.scene import DistantScene
 from tests.conftest import SHARED

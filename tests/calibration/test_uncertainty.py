@@ -10,7 +10,7 @@ import tomli_w
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.parameters import Uncertainty
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,
@@ -20,7 +20,7 @@ from omnimirror.cameras.models import (
     RadialSpline,
     Unified,
 )
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import tables_of
 from tests.commands import omnimirror
 from tests.conftest import sensor_of

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import omnimirror as om
 from omnimirror.base.errors import SpecError
 from omnimirror.calibration.formats import FORMATS, CameraFile, ReadOptions
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import (
     CameraModel,
     DoubleSphere,

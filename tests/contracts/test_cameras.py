@@ -8,8 +8,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, NotOneToOne
 from omnimirror.base.native import backend
-from omnimirror.cameras.camera import Camera
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Camera, Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,
@@ -20,7 +19,7 @@ from omnimirror.cameras.models import (
 )
 from omnimirror.dewarp import _source_coordinates as radial
 from omnimirror.optics.lenses import Orthographic, Perspective, TabulatedLens
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from tests.conftest import MIRRORS
 

@@ -14,7 +14,7 @@ from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.base.files import TEMPORARY_MARK
 from omnimirror.interop.export_formats import write_formats
 from omnimirror.interop.ray_tables import RAY_FORMATS
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 SENSOR = om.load_sensor("paper-spherical")
 IMAGER = replace(SENSOR.imager, width_px=48, height_px=40, pixel_pitch_um=5.2 * 1024 / 44)

@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.base.results import LINE_WIDTH, MAX_LINES, Result, short_text
+from omnimirror.base.quantities import QUANTITIES
+from omnimirror.base.results import LINE_WIDTH, MAX_LINES, FieldResult, Result, short_text
 
 INPUTS = re.compile(r"^(load|read|parse)_|_like$|^show$")
 """Public functions that return inputs of other functions, or a page."""
@@ -127,6 +128,40 @@ def test_results_of_examples(cls, monkeypatch, tmp_path):
         for column, cells in zip(frame.columns, zip(*rows, strict=True), strict=True):
             if frame[column].dtype.kind == "f":
                 np.testing.assert_allclose(frame[column], np.array(cells, float), rtol=1e-9)
+
+    if isinstance(result, FieldResult):
+        check_dataset(result.to_xarray(), frame)
+
+
+def check_dataset(dataset, frame):
+    """Compare a data set with the data frame of the same result, and with descriptions of names."""
+    assert len(dataset.data_vars) > 0
+    shapes = [variable.shape for variable in dataset.data_vars.values()]
+    sizes = dict(max(dataset.data_vars.values(), key=lambda v: v.ndim).sizes)
+    assert len(frame) == np.prod(list(sizes.values()))
+    assert all(len(shape) >= 1 for shape in shapes)
+    template = np.zeros(tuple(sizes.values()))
+    common = [name for name in dataset.variables if name in frame.columns]
+    assert set(dataset.data_vars) <= set(common)
+    for name in common:
+        values, axes = dataset[name].values, [list(sizes).index(dim) for dim in dataset[name].dims]
+        shape = [size if i in axes else 1 for i, size in enumerate(template.shape)]
+        values = np.broadcast_to(values.reshape(shape), template.shape)
+        np.testing.assert_array_equal(values.ravel(), frame[name], err_msg=name)
+        quantity = QUANTITIES.get(name)
+        assert dataset[name].attrs.get("units") == (quantity.unit or None if quantity else None)
+
+
+def test_results_over_field_angles_have_data_sets():
+    classes = [cls for cls in RESULTS if "omega_deg" in typing.get_type_hints(cls)]
+    assert len(classes) >= 5
+    assert [cls.__name__ for cls in classes if not issubclass(cls, FieldResult)] == []
+
+
+def test_missing_xarray(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(om.OmnimirrorError, match=r"^data sets require xarray: .*'\.\[tables\]'"):
+        om.evaluate(om.load_sensor("paper-spherical"), [0.0, 90.0]).to_xarray()
 
 
 def test_missing_data_frame_packages(monkeypatch):

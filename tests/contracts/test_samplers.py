@@ -529,7 +529,7 @@ def test_invalid_sampler_arguments_are_rejected(case, sampler):
         "must have 1 to 4 channels": lambda: remap(
             np.empty((*SOURCE[::-1], 5), np.uint8), pixel_map
         ),
-        "got float64": lambda: remap(image.astype(float), pixel_map),
+        "got complex128": lambda: remap(image.astype(complex), pixel_map),
         "out must be .*; got": lambda: remap(image, pixel_map, out=np.empty((3, 3, 3), np.uint8)),
         "out must be writeable": lambda: remap(image, pixel_map, out=locked),
         "border must .*; got 256": lambda: remap(image, pixel_map, border=256),

@@ -16,7 +16,7 @@ from numpy import inf
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp._source_coordinates import exact_pixels, source_pixels
 from omnimirror.dewarp.screens import (
     LAYOUTS,

@@ -12,7 +12,7 @@ from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.design import parse_requirements
 from omnimirror.design._parameter_search import RangeSearch, ranges_of
 from omnimirror.design.designer import design_sensor
-from omnimirror.design.evaluated_field import evaluable_field
+from omnimirror.design.requirement_check import evaluable_field
 from omnimirror.optics.housing import CameraBody, Housing, Tube
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from tests.design.answers import best, row

@@ -266,9 +266,9 @@ def test_reported_alternatives_agree_with_their_designs(
     searches = list[om.Requirements]()
     original = RangeSearch.followed
 
-    def count_search(search, start, threshold):
+    def count_search(search, start, enough):
         searches.append(search.requirements)
-        return original(search, start, threshold)
+        return original(search, start, enough)
 
     requirements = parse_requirements(
         CONFLICT.format(SPHERE, "focal_length_mm = 11.6", "total_blur_deg", "at_most = 0.3")

@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 import omnimirror as om
 from omnimirror.base.errors import SpecError
 from omnimirror.design._design_problem import DesignSpace
-from omnimirror.design._mass_and_size import body_mass_g, outer_size
 from omnimirror.design.freeform import problem_of
+from omnimirror.design.merits import body_mass_g, outer_size
 from omnimirror.design.optimiser import described, problem_from, start
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Tube
 from omnimirror.optics.image_sensor import Imager

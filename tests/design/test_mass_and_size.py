@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.design._mass_and_size import outer_size
+from omnimirror.design.merits import outer_size
 from omnimirror.design.requirement_files import parse_requirements
 from omnimirror.optics.housing import Dome, FlatWindow, Housing
 from omnimirror.optics.lenses import SurfaceLens

@@ -12,7 +12,6 @@ import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.design import _parameter_search, format_requirements, parse_requirements
 from omnimirror.design import off_the_shelf as parts_search
-from omnimirror.design._mass_and_size import mirror_mass_g, outer_size
 from omnimirror.design._part_combinations import (
     combinations_of,
     cut,
@@ -29,6 +28,7 @@ from omnimirror.design.catalogue import (
     TelecentricComponent,
     read_catalogue,
 )
+from omnimirror.design.merits import mirror_mass_g, outer_size
 from omnimirror.design.off_the_shelf import SLACK
 from omnimirror.optics.lenses import SurfaceLens
 from omnimirror.optics.mirrors import Sphere

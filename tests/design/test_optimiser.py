@@ -224,7 +224,7 @@ def test_stopped_search_resumes(tmp_path):
     straight = optimise(problem, starts=2, seed=7)
     optimise(problem, starts=1, seed=7, resume=file)
     updates = []
-    resumed = optimise(problem, starts=2, seed=7, resume=file, on_progress=updates.append)
+    resumed = optimise(problem, starts=2, seed=7, resume=file, on_iteration=updates.append)
     assert resumed.runs == straight.runs
     assert resumed.sensor == straight.sensor
     assert {p.run for p in updates} == {1}  # the first start was not repeated

@@ -10,15 +10,14 @@ import pytest
 import omnimirror as om
 from omnimirror.apps.cli._design_options import limit
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.design import parse_requirements
 from omnimirror.design._candidates import focusing
 from omnimirror.design._design_problem import DesignSpace
-from omnimirror.design.evaluated_field import cut_off, distances_of
 from omnimirror.design.freeform import problem_of
 from omnimirror.design.limits import contrast
 from omnimirror.design.merits import values_of_evaluation
-from omnimirror.design.requirement_check import evaluations
+from omnimirror.design.requirement_check import cut_off, distances_of, evaluations
 from omnimirror.optics.housing import Dome, Housing, Tube
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Perspective

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 import omnimirror as om
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from tests.everyday import few
 
 SIZE, CENTRE, PITCH_MM, IMAGE_DISTANCE_MM = 1024, 511.5, 0.0052, 1 / (1 / 11.6 - 1 / 212.0)

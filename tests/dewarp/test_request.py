@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp.request import DewarpRequest, VideoSettings, is_video, without_tilt
 from omnimirror.io import GPano
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp._source_coordinates import (
     exact_pixels,
     lattice_map,

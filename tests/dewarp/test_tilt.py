@@ -8,7 +8,7 @@ import pytest
 import omnimirror as om
 from omnimirror.apps.cli import main
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp._source_coordinates import is_separable
 from omnimirror.dewarp.screens import parts_of
 from omnimirror.optics.image_sensor import Imager

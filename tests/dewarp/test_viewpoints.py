@@ -8,9 +8,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp._source_coordinates import source_pixels
-from omnimirror.dewarp.viewpoints import middle_distance, point_on_axis, single_viewpoint
+from omnimirror.dewarp.view_geometry import middle_distance, point_on_axis, single_viewpoint
 
 SPHERE = om.load_sensor("paper-spherical")
 M = 43.9  # mm, radius of the mirror

@@ -7,9 +7,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp import views
-from omnimirror.dewarp.field_of_view import field_of, pole_of
+from omnimirror.dewarp.view_geometry import field_of, pole_of
 from omnimirror.dewarp.views import MAX_PLANET_DEG
 
 from ..conftest import sensor_of

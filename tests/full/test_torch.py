@@ -11,12 +11,11 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.camera import Camera
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Camera, Mount
 from omnimirror.interop.torch import _reflection, differentiable
 from omnimirror.optics.housing import Housing, Tube
 from omnimirror.optics.image_sensor import ImagerPose
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import MIRRORS, sensor_of
 
 pytestmark = pytest.mark.full

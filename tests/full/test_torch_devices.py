@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.interop.torch import differentiable
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import sensor_of
 
 torch = pytest.importorskip("torch", reason="PyTorch is installed by `make test-full` only")

@@ -22,7 +22,7 @@ from omnimirror.base.errors import OmnimirrorError
 from omnimirror.base.files import TEMPORARY_MARK
 from omnimirror.base.parameters import Uncertainty
 from omnimirror.calibration.formats import _scaramuzza
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import RadialModel, parse_ocam
 from omnimirror.design import parse_requirements
 from omnimirror.design.component_selection import best_apertures

@@ -13,7 +13,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Lens
 from tests.conftest import MIRRORS
@@ -148,7 +148,7 @@ def _temporary_folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("thing", "method"),
+    ("owner", "method"),
     few(CASES, *(case for case in CASES if case[0] not in ("hall", "street"))),
     ids=[" ".join(case) for case in CASES],
 )

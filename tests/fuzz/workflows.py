@@ -12,7 +12,7 @@ import av
 import numpy as np
 
 import omnimirror as om
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.design.catalogue import Catalogue, ImagerComponent, LensComponent
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.manufacturing import Tool, tool_path
@@ -385,8 +385,8 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Street": (om.Street, {"texel_mm": 80.0}),
     "Radiometry": (Radiometry, {f.name: getattr(Radiometry(), f.name) for f in fields(Radiometry)}),
     "write_calibration_dataset": (
-        lambda folder, **arguments: list(
-            om.write_calibration_dataset(om.CalibrationRecipe(**arguments), folder)
+        lambda folder, **arguments: om.write_calibration_dataset(
+            om.CalibrationRecipe(**arguments), folder
         ),
         {
             "folder": "set",

@@ -10,7 +10,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 import omnimirror as om
 from omnimirror.apps.cli import main
-from omnimirror.io._image_metadata import ImageMetadata, read_metadata
+from omnimirror.io.image_metadata import ImageMetadata, read_metadata
 from omnimirror.io.images import read_image_and_metadata
 
 PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()

@@ -134,12 +134,12 @@ def test_panorama_metadata_is_read_by_pillow(tmp_path, suffix, dtype, channels):
 
 
 def test_lossy_webp_stores_panorama(tmp_path):
-    from omnimirror.io import _image_metadata
+    from omnimirror.io import image_metadata
 
     _, data = cv2.imencode(
         ".webp", RNG.integers(0, 255, (41, 63, 3)).astype(np.uint8), [cv2.IMWRITE_WEBP_QUALITY, 50]
     )
-    (tmp_path / "a.webp").write_bytes(_image_metadata._xmp_in_webp(data.tobytes(), PART.xmp()))
+    (tmp_path / "a.webp").write_bytes(image_metadata._xmp_in_webp(data.tobytes(), PART.xmp()))
     assert xmp_of(tmp_path / "a.webp")["CroppedAreaTopPixels"] == "13"
     with Image.open(tmp_path / "a.webp") as image:
         assert image.size == (63, 41)

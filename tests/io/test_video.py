@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from omnimirror.base.errors import InvalidParameter, MediaError
-from omnimirror.io.exif import oriented
+from omnimirror.io.image_metadata import oriented
 from omnimirror.io.video_frames import (
     ColourCoding,
     converted,
@@ -297,11 +297,10 @@ def test_progress_reports(clip, tmp_path):
             reader.items(),
             VideoWriter.from_source(reader, tmp_path / "b.mp4"),
             unchanged,
-            on_progress=updates.append,
+            on_progress=lambda *n: updates.append(n),
             total=50,
         )
-    assert (updates[-1].done, updates[-1].total, updates[-1].remaining_s) == (50, 50, 0)
-    assert updates[-1].rate > 0
+    assert updates[-1] == (50, 50)
 
 
 def write_coded(path, codec, pixel_format, colour=None):

@@ -12,7 +12,6 @@ import pytest
 from av.sidedata.sidedata import Type as SideData
 
 import omnimirror as om
-from omnimirror.dewarp.video_files import VideoCallbacks
 from omnimirror.io.video_metadata import MasteringDisplay, dynamic_hdr_names
 from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
@@ -417,7 +416,7 @@ def test_stream_keeps_colour_coding_and_display(graded, tmp_path, pixel_format):
             centre_px=(63.5, 47.5), rim_radius_px=40.0, field_deg=260.0, image_size=(128, 96)
         ),
         view=om.screens.Plane((64, 48), tilt_deg=-30.0),
-        callbacks=VideoCallbacks(on_warning=notes.append),
+        on_warning=notes.append,
         settings=om.VideoSettings(duration_s=0.01, pixel_format=pixel_format),
     )
     with av.open(str(tmp_path / "out.mp4")) as container:

@@ -17,7 +17,7 @@ from omnimirror.optics.housing import CameraBody, Dome, FlatWindow, Housing, Rod
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.tracing.shell_transmission import wall_transmission
 from tests.conftest import MIRRORS, sensor_of
 

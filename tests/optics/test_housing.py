@@ -10,7 +10,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.design.evaluated_field import evaluable_field
+from omnimirror.design.requirement_check import evaluable_field
 from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.optics.housing import (
     CameraBody,
@@ -25,7 +25,7 @@ from omnimirror.optics.housing import (
 )
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.materials import MATERIALS, index_of
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.pixel_rays import trace_pixels
 from omnimirror.simulation.radiometry import Radiometry
 from omnimirror.simulation.rendering import expose

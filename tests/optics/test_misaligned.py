@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, NotOneToOne, SpecError
-from omnimirror.cameras.frames import Mount
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.cameras.camera import Mount
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from tests.conftest import MIRRORS, sensor_of
 from tests.everyday import few

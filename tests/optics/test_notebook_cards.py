@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.base.notebook_card import LINE_STYLES, Line, card, line_drawing
 from omnimirror.base.parameters import Uncertainty
-from omnimirror.cameras.frames import Mount
+from omnimirror.base.results import LINE_STYLES, Line, card, line_drawing
+from omnimirror.cameras.camera import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rod
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 SPHERE = om.load_sensor("paper-spherical")
 SENSORS = {

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.camera import Camera
-from omnimirror.cameras.frames import Mount, pan_tilt_direction, view_axes
+from omnimirror.cameras.camera import Camera, Mount, pan_tilt_direction, view_axes
 from omnimirror.optics.image_sensor import Imager
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 SPH = om.load_sensor("paper-spherical")
 

@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError, SpecError
 from omnimirror.base.parameters import Uncertainty
-from omnimirror.cameras.frames import Mount
+from omnimirror.base.toml_validation import SourceLocator
+from omnimirror.cameras.camera import Mount
 from omnimirror.design.sensor_file_template import sensor_template
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import Imager, ImagerPose
 from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import EvenPolynomial
-from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, load_sensor, parse_sensor
 from omnimirror.optics.thermal import Thermal
-from omnimirror.optics.toml_validation import SourceLocator
 from tests.conftest import M
 
 GOOD = """

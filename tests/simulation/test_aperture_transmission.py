@@ -12,7 +12,7 @@ from omnimirror.analysis.ray_bundles import fibonacci
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.lenses import Perspective, SurfaceLens
 from omnimirror.optics.mirrors import Flat, Secondary, Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation import rendering
 from omnimirror.simulation._compiled_rendering import is_for_kernels
 from omnimirror.simulation.pixel_rays import intersects_lid, sample_positions, sampling_plan

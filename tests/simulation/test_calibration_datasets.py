@@ -12,7 +12,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.keyframes import Keyframes
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.dataset_manifest import CalibrationRecipe, VideoRecipe, load_recipe
 from omnimirror.simulation.datasets import (
     view_poses,
@@ -29,20 +29,20 @@ from omnimirror.simulation.scenes.scene import Pose
 def dataset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
     sensor = om.load_sensor("paper-equidistant")
-    files = list(
-        write_calibration_dataset(
-            CalibrationRecipe(
-                sensor=sensor, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3
-            ),
-            folder,
-        )
+    count = write_calibration_dataset(
+        CalibrationRecipe(
+            sensor=sensor, views=2, samples=4, blur=False, hall=Hall(texel_mm=12.5), seed=3
+        ),
+        folder,
     )
-    return folder, files, json.loads((folder / "dataset.json").read_text())
+    return folder, count, json.loads((folder / "dataset.json").read_text())
 
 
 def test_calibration_dataset_is_complete(dataset):
-    folder, files, data = dataset
-    assert [f.name for f in files] == ["view-000.png", "view-001.png", "dataset.json"]
+    folder, count, data = dataset
+    assert count == 2
+    names = ["dataset.json", "sensor.toml", "view-000.png", "view-001.png"]
+    assert sorted(path.name for path in folder.iterdir()) == names
     assert om.load_sensor(folder / data["sensor"]).name == "paper-equidistant"
     assert data["views"][0]["pose"] == {f"{n}_mm": 0.0 for n in "xyz"} | {
         f"{n}_deg": 0.0 for n in ("pan", "tilt", "roll")
@@ -160,14 +160,18 @@ def test_interrupted_dataset_describes_files(tmp_path):
         )
     assert json.loads((tmp_path / "v/dataset.json").read_text())["frames"] == 2
     assert len((tmp_path / "v/poses.csv").read_text().splitlines()) == 3
-    images = write_calibration_dataset(
-        CalibrationRecipe(sensor=small(), views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)),
-        tmp_path / "c",
-    )
     with pytest.raises(KeyboardInterrupt):
-        next(images), images.throw(KeyboardInterrupt())
+        write_calibration_dataset(
+            CalibrationRecipe(
+                sensor=small(), views=5, samples=1, blur=False, hall=Hall(texel_mm=50.0)
+            ),
+            tmp_path / "c",
+            on_progress=stop,
+        )
     described = json.loads((tmp_path / "c/dataset.json").read_text())
-    assert [view["image"] for view in described["views"]] == ["view-000.png"]
+    assert [view["image"] for view in described["views"]] == ["view-000.png", "view-001.png"]
+    images = sorted(path.name for path in (tmp_path / "c").glob("*.png"))
+    assert images == ["view-000.png", "view-001.png"]
 
 
 def test_command_writes_dataset(tmp_path):
@@ -213,10 +217,8 @@ def test_command_writes_dataset(tmp_path):
 def test_dataset_of_calibrated_camera(camera, tmp_path):
     """OpenCV detects its corners at their positions in its images, and its file is the camera."""
     hall = Hall(texel_mm=12.5)
-    list(
-        write_calibration_dataset(
-            CalibrationRecipe(sensor=camera, views=1, samples=4, blur=False, hall=hall), tmp_path
-        )
+    write_calibration_dataset(
+        CalibrationRecipe(sensor=camera, views=1, samples=4, blur=False, hall=hall), tmp_path
     )
     data = json.loads((tmp_path / "dataset.json").read_text())
     assert om.load_camera(tmp_path / data["sensor"]) == camera
@@ -237,16 +239,12 @@ def test_dataset_of_calibrated_camera(camera, tmp_path):
 
 def test_blur_of_calibrated_camera_raises(tmp_path):
     camera = om.Unified(xi=0.9, focal_px=(40.0, 40.0), centre_px=(47.5, 47.5), image_size=(96, 96))
-    list(
-        write_calibration_dataset(
-            CalibrationRecipe(sensor=camera, views=1, samples=1, hall=Hall(texel_mm=50.0)),
-            tmp_path / "set",
-        )
+    write_calibration_dataset(
+        CalibrationRecipe(sensor=camera, views=1, samples=1, hall=Hall(texel_mm=50.0)),
+        tmp_path / "set",
     )
     assert json.loads((tmp_path / "set/dataset.json").read_text())["recipe"]["blur"] is False
     with pytest.raises(InvalidParameter, match="blur must be False unless the camera is a sensor"):
-        list(
-            write_calibration_dataset(
-                CalibrationRecipe(sensor=camera, views=1, samples=1, blur=True), tmp_path / "other"
-            )
+        write_calibration_dataset(
+            CalibrationRecipe(sensor=camera, views=1, samples=1, blur=True), tmp_path / "other"
         )

@@ -56,7 +56,7 @@ def write(kind, folder, after=lambda done: None):
     """Write a dataset of five images."""
     sensor = small(64)
     if kind == "calibration":
-        images = write_calibration_dataset(
+        write_calibration_dataset(
             CalibrationRecipe(
                 sensor=sensor,
                 views=5,
@@ -66,9 +66,8 @@ def write(kind, folder, after=lambda done: None):
                 hall=HALL,
             ),
             folder,
+            on_progress=lambda n, _: after(n),
         )
-        for number, _ in enumerate(images, start=1):
-            after(number)
     else:
         write_video_dataset(
             VideoRecipe(
@@ -155,11 +154,9 @@ def test_killed_dataset_is_resumed(kind, tmp_path):
 
 def test_changed_image_is_rendered_again(tmp_path):
     def write():
-        return list(
-            write_calibration_dataset(
-                CalibrationRecipe(sensor=small(), views=2, samples=1, blur=False, hall=HALL),
-                tmp_path,
-            )
+        write_calibration_dataset(
+            CalibrationRecipe(sensor=small(), views=2, samples=1, blur=False, hall=HALL),
+            tmp_path,
         )
 
     write()
@@ -172,20 +169,14 @@ def test_changed_image_is_rendered_again(tmp_path):
 
 
 def test_other_dataset_is_not_overwritten(tmp_path):
-    list(
-        write_calibration_dataset(
-            CalibrationRecipe(sensor=small(), views=1, samples=1, blur=False, hall=HALL), tmp_path
-        )
+    write_calibration_dataset(
+        CalibrationRecipe(sensor=small(), views=1, samples=1, blur=False, hall=HALL), tmp_path
     )
     before = contents(tmp_path)
     with pytest.raises(InvalidParameter, match="differs in samples, seed"):
-        list(
-            write_calibration_dataset(
-                CalibrationRecipe(
-                    sensor=small(), views=1, samples=4, blur=False, hall=HALL, seed=2
-                ),
-                tmp_path,
-            )
+        write_calibration_dataset(
+            CalibrationRecipe(sensor=small(), views=1, samples=4, blur=False, hall=HALL, seed=2),
+            tmp_path,
         )
     assert contents(tmp_path) == before
 
@@ -307,24 +298,22 @@ def test_calibration_dataset_is_reproducible(tmp_path):
     sensor = replace(small(), housing=Housing(CameraBody(50.0), shell=Dome(260.0), rim=Rim(1.0)))
     dim = Radiometry(reflectivity=("gold", 0.96 + 6.69j, 0.5))
     camera = Detector(full_well_e=4000.0, read_noise_e=4.0, bits=12, curve="linear", bayer="RGGB")
-    list(
-        write_calibration_dataset(
-            CalibrationRecipe(
-                sensor=sensor,
-                views=2,
-                samples=1,
-                blur=True,
-                radiometry=dim,
-                detector=camera,
-                seed=5,
-                hall=HALL,
-            ),
-            tmp_path / "a",
-        )
+    write_calibration_dataset(
+        CalibrationRecipe(
+            sensor=sensor,
+            views=2,
+            samples=1,
+            blur=True,
+            radiometry=dim,
+            detector=camera,
+            seed=5,
+            hall=HALL,
+        ),
+        tmp_path / "a",
     )
     recipe, _ = load_recipe(tmp_path / "a" / "dataset.json")
     assert isinstance(recipe, CalibrationRecipe)
-    list(write_calibration_dataset(recipe, tmp_path / "b"))
+    write_calibration_dataset(recipe, tmp_path / "b")
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
 
 
@@ -370,11 +359,11 @@ def test_corners_in_tube_match_images(tmp_path):
     import cv2
 
     sensor = replace(om.load_sensor("paper-equidistant"), housing=Housing(shell=Tube(120.0, 5.0)))
-    (*_, description) = write_calibration_dataset(
+    write_calibration_dataset(
         CalibrationRecipe(sensor=sensor, views=1, samples=4, blur=False, hall=Hall(texel_mm=12.5)),
         tmp_path,
     )
-    view = json.loads(description.read_text())["views"][0]
+    view = json.loads((tmp_path / "dataset.json").read_text())["views"][0]
     grey = om.read_image(tmp_path / view["image"])[..., 1].copy()
     expected = np.array(
         [c for board in view["corners_px"].values() for row in board for c in row if c is not None]

@@ -11,7 +11,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
 from omnimirror.optics.housing import CameraBody, Housing, Rim, Rod
 from omnimirror.optics.materials import METALS
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors
 from omnimirror.simulation import rendering as rays
 from omnimirror.simulation._compiled_rendering import compiled_light
@@ -21,9 +21,8 @@ from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes._painting import Surroundings
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.environment import Environment
-from omnimirror.simulation.scenes.scene import DistantScene, Pose, PosedScene
+from omnimirror.simulation.scenes.scene import DistantScene, Pose, PosedScene, facets
 from omnimirror.simulation.scenes.street import HOUSES, Street
-from omnimirror.simulation.scenes.surfaces import facets
 from tests.everyday import few
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")

@@ -14,7 +14,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.datasets import visible_corners_px
 from omnimirror.simulation.ground_truth_maps import ground_truth
 from omnimirror.simulation.pixel_rays import project_visible

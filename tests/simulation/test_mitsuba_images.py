@@ -10,8 +10,8 @@ from scipy.ndimage import binary_erosion
 
 import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
-from omnimirror.cameras.frames import pan_tilt_direction
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.cameras.camera import pan_tilt_direction
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
 from tests.optics.tracing.test_mitsuba import meshed, mi  # noqa: F401 - a fixture

@@ -11,7 +11,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.colour import srgb_bytes
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.frames import pan_tilt_direction
+from omnimirror.cameras.camera import pan_tilt_direction
 from omnimirror.simulation.rendering import (
     _low_pass_filtered,
     _with_half_pixel_pitch,

@@ -20,9 +20,8 @@ from omnimirror.optics.housing import CameraBody, Housing
 from omnimirror.simulation.ground_truth_maps import Moment, _normals, training_ground_truth
 from omnimirror.simulation.scenes.moving_objects import SceneWithBodies
 from omnimirror.simulation.scenes.room import FURNITURE, PIECES, ROOM, SOLIDS
-from omnimirror.simulation.scenes.scene import PosedScene
+from omnimirror.simulation.scenes.scene import PosedScene, face_of, intersect_boxes
 from omnimirror.simulation.scenes.street import Street
-from omnimirror.simulation.scenes.surfaces import face_of, intersect_boxes
 from tests.commands import fails, omnimirror
 from tests.simulation.scenes.test_moving_objects import BODIES
 

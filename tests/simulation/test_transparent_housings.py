@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import Dome, Housing, Rod, Tube
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.tracing.shell_transmission import (
     through_dome,
     through_tube,

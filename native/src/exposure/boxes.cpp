@@ -1,5 +1,5 @@
 // A ray is inside a box between the last of the three entries and the first of the three exits through its pairs of
-// planes. src/omnimirror/simulation/scenes/surfaces.py contains the equivalent Python implementation, with the same
+// planes. src/omnimirror/simulation/scenes/scene.py contains the equivalent Python implementation, with the same
 // order of operations and the same rounding: do not contract or reorder operations here.
 #include "boxes.hpp"
 

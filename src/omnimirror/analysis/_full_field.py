@@ -15,12 +15,11 @@ import numpy as np
 
 from ..base.caching import cached_property
 from ..base.typing import Array, Mask
-from ..cameras.frames import camera_direction
+from ..cameras.camera import camera_direction
 from ..optics.lenses import Lens
 from ..optics.sensor import Sensor
 from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints
-from .focus import FocusedBlur, FocusStudy
-from .meridional_imaging import ImagingCharacteristics, virtual_images
+from .focus import FocusedBlur, FocusStudy, ImagingCharacteristics, virtual_images
 from .ray_bundles import Bundles, Pupil, trace_bundles
 
 RINGS, AZIMUTHS = 31, 24
@@ -58,7 +57,7 @@ class FullFieldEvaluation:
     --------
     >>> import omnimirror as om
     >>> from dataclasses import replace
-    >>> from omnimirror.optics.mirrors.as_built import MirrorPose
+    >>> from omnimirror.optics.mirrors.mirror import MirrorPose
     >>> built = replace(om.load_sensor("paper-spherical"), mirror_pose=MirrorPose(decentre_x_mm=0.5))
     >>> low, high = FullFieldEvaluation(built).field_deg  # at some azimuth
     >>> low, round(high, 1)

@@ -14,10 +14,9 @@ from ..base.arguments import instance, row
 from ..base.errors import OutsideField
 from ..base.files import write_text
 from ..base.quantities import QUANTITIES
-from ..base.results import Columns, Result, write_columns
+from ..base.results import Columns, FieldResult, Fields, column_fields, write_columns
 from ..base.typing import Array
-from ..cameras.camera import inside_image
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import inside_image, rotate_vectors
 from ..cameras.models import RadialModel
 from ..cameras.models.camera_model import CameraModel, direction_sigma_deg
 
@@ -33,7 +32,7 @@ MAPPING_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class CameraMapping(Result):
+class CameraMapping(FieldResult):
     """Mapping of a calibrated camera, computed by :func:`evaluate_camera`.
 
     Attributes
@@ -81,6 +80,10 @@ class CameraMapping(Result):
 
     def _table(self) -> Columns:
         return self.columns()
+
+    def _fields(self) -> Fields:
+        names = ("field_deg", "rim_radius_px", "azimuthal_variation_percent")
+        return column_fields(self.columns(), {name: getattr(self, name) for name in names})
 
     def __len__(self) -> int:
         return len(self.omega_deg)

@@ -26,8 +26,7 @@ from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
 from ._full_field import FullFieldEvaluation
 from .evaluation import Evaluation, evaluate
-from .focus import best_focus
-from .meridional_imaging import best_viewpoint
+from .focus import best_focus, best_viewpoint
 
 Better = Literal["high", "low", ""]
 

@@ -15,8 +15,7 @@ from ..optics.lenses import GaussianLens
 from ..optics.mirrors import Flat
 from ..optics.sensor import Sensor
 from .evaluation import Evaluation
-from .focus import FocusStudy, distance_per_angle
-from .meridional_imaging import virtual_images
+from .focus import FocusStudy, distance_per_angle, virtual_images
 
 NEAR_OBJECTS = 5.0  # distance of the near objects of a section, in rim radii
 # Distance of a drawn telecentric lens from the vertex, in rim radii; its real distance is free

@@ -18,13 +18,12 @@ from ..base.arguments import choice, image_radius, number, numbers, validate_arg
 from ..base.errors import InvalidParameter
 from ..base.files import write_text
 from ..base.quantities import QUANTITIES, document_attributes
-from ..base.results import Columns, Result, write_columns
+from ..base.results import Columns, FieldResult, Fields, column_fields, write_columns
 from ..base.typing import Array
 from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
 from ..optics.mirrors import Mirror, SampledProfile
 from ..optics.sensor import Sensor, check_sensor
-from .focus import FocusStudy, best_focus, distance_per_angle
-from .meridional_imaging import viewpoint_z, virtual_images
+from .focus import FocusStudy, best_focus, distance_per_angle, viewpoint_z, virtual_images
 
 # -- Standard deviations from the scatter of a measured profile ------------------------------------
 
@@ -79,7 +78,7 @@ READ_COLUMNS = (
 
 @document_attributes(quantities.FIELD_QUANTITIES)
 @dataclass(frozen=True)
-class Evaluation(Result):
+class Evaluation(FieldResult):
     """Results of a sensor at n field angles; each column is an array (n,) named with its unit.
 
     Lengths are measured from the mirror vertex (``z``) and the axis (``x``), except ``distance_*``,
@@ -130,6 +129,15 @@ class Evaluation(Result):
 
     def _table(self) -> Columns:
         return self.columns()
+
+    def _fields(self) -> Fields:
+        names = ("focus_mm", "mode", "wavelength_nm", "image_radius_px", "tolerance_px")
+        attributes = {"sensor": self.sensor.name, **{name: getattr(self, name) for name in names}}
+        result = column_fields(self.columns(), attributes)
+        distance = np.asarray(self.object_distance_mm)
+        dimension = ("omega_deg",) if distance.ndim else ()
+        coordinates = {**result.coordinates, "object_distance_mm": (dimension, distance)}
+        return result._replace(coordinates=coordinates)
 
     def __len__(self) -> int:
         return len(self.omega_deg)

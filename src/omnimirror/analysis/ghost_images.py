@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import row, validate_arguments
 from ..base.errors import InvalidParameter
-from ..base.results import Columns, Result
+from ..base.results import Columns, FieldResult, Fields, column_fields
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.shell_transmission import transmit_rays
@@ -19,7 +19,7 @@ ORIGIN_OFFSET_MM = 1e-6  # offset of a ray start from the surface
 
 
 @dataclass(frozen=True)
-class Ghosts(Result):
+class Ghosts(FieldResult):
     """First ghost image at n field angles; each array (n,).
 
     A pixel with the field angle ``omega_deg`` also receives weaker light from ``ghost_omega_deg``
@@ -39,6 +39,9 @@ class Ghosts(Result):
 
     def _table(self) -> Columns:
         return self.columns()
+
+    def _fields(self) -> Fields:
+        return column_fields(self.columns(), {})
 
     def __len__(self) -> int:
         return len(self.omega_deg)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import choice, distances, finite, format_value, number, row
 from ..base.errors import InvalidParameter, OutsideField
-from ..base.results import Columns, Result, TabularResult
+from ..base.results import Columns, FieldResult, Fields, TabularResult
 from ..base.typing import Array
 from ..optics.sensor import Sensor, check_sensor
 from ._wavefront import EDGE_SOFTNESS, FITTED, Wavefront, wavefronts
@@ -29,7 +29,7 @@ MAX_INTEGRATION_SAMPLES = 2400  # maximum samples per side of the radial integra
 
 
 @dataclass(frozen=True)
-class Psf(Result):
+class Psf(FieldResult):
     """Point-spread function, sampled on a square about the chief ray.
 
     Columns are tangential (radially outwards), rows sagittal; at azimuth 0 these are the columns
@@ -50,6 +50,16 @@ class Psf(Result):
     def _table(self) -> Columns:
         t, s = np.meshgrid(self.offset_px, self.offset_px)
         return {"t_px": t.ravel(), "s_px": s.ravel(), "density": self.density.ravel()}
+
+    def _fields(self) -> Fields:
+        names = ("omega_deg", "azimuth_deg", "focus_mm")
+        coordinates = {name: ((), getattr(self, name)) for name in names}
+        offsets = {name: ((name,), self.offset_px) for name in ("s_px", "t_px")}
+        return Fields(
+            {"density": (("s_px", "t_px"), self.density)},
+            {**offsets, **coordinates},
+            {"kind": self.kind, "strehl": self.strehl},
+        )
 
     @property
     def strehl(self) -> float:
@@ -256,7 +266,7 @@ FREQUENCIES = 51  # default samples from 0 to 1 cycle per pixel
 
 
 @dataclass(frozen=True)
-class Mtf(TabularResult):
+class Mtf(TabularResult, FieldResult):
     """Modulation transfer function at k field angles and f spatial frequencies.
 
     Tangential: for modulation along the radial direction in the image; sagittal: perpendicular to
@@ -296,6 +306,25 @@ class Mtf(TabularResult):
     def cycles_per_deg_s(self) -> Array:
         """Object frequencies (k, f) of sagittal patterns."""
         return self.px_per_deg_s[:, None] * self.cycles_per_px
+
+    def _fields(self) -> Fields:
+        angle, frequency = ("omega_deg",), ("cycles_per_px",)
+        return Fields(
+            {
+                "mtf_t": (angle + frequency, self.tangential),
+                "mtf_s": (angle + frequency, self.sagittal),
+            },
+            {
+                "omega_deg": (angle, self.omega_deg),
+                "azimuth_deg": (angle, self.azimuth_deg),
+                "cycles_per_px": (frequency, self.cycles_per_px),
+                "lp_per_mm": (frequency, self.line_pairs_per_mm),
+                "cycles_per_deg_t": (angle + frequency, self.cycles_per_deg_t),
+                "cycles_per_deg_s": (angle + frequency, self.cycles_per_deg_s),
+                "focus_mm": ((), self.focus_mm),
+            },
+            {"kind": self.kind, "with_pixel": int(self.with_pixel)},
+        )
 
     def first(self, count: int) -> Mtf:
         """Return the MTF at the first ``count`` frequencies."""

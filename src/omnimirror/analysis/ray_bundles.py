@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import distances, finite, row
 from ..base.errors import InvalidParameter, OutsideField
 from ..base.typing import Array, Mask
-from ..cameras.frames import camera_direction
+from ..cameras.camera import camera_direction
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints
 

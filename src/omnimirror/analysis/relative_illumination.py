@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..base.arguments import number
 from ..base.errors import InvalidParameter
-from ..base.results import TabularResult
+from ..base.results import FieldResult, Fields, TabularResult, column_fields
 from ..base.typing import Array
 from ..optics.materials import Reflectivity, reflectance
 from ..optics.sensor import Sensor, check_sensor
@@ -23,7 +23,7 @@ CHIEF = Pupil(np.zeros((1, 2)), np.ones(1))
 
 
 @dataclass(frozen=True)
-class Illumination(TabularResult):
+class Illumination(TabularResult, FieldResult):
     """Illumination of the imager at k field angles, by an object of uniform radiance."""
 
     omega_deg: Array
@@ -44,6 +44,9 @@ class Illumination(TabularResult):
         names = ("omega_deg", "azimuth_deg", "irradiance_sr", "relative", "reflectance", "filled")
         rows = zip(*(getattr(self, name).tolist() for name in names), strict=True)
         return [dict(zip(names, row, strict=True)) for row in rows]
+
+    def _fields(self) -> Fields:
+        return column_fields(self._table(), {}, "azimuth_deg")
 
 
 def illumination(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import row
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
-from ..base.results import Columns, Result, TabularResult
+from ..base.results import Columns, FieldResult, Fields, TabularResult
 from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
@@ -23,7 +23,7 @@ RINGS = 12
 
 
 @dataclass(frozen=True)
-class Spots(TabularResult):
+class Spots(TabularResult, FieldResult):
     """Spot diagrams of k objects at m foci with n rays each, in pixels from the chief ray.
 
     Tangential is radially outwards in the image, sagittal perpendicular to it; signs refer to the
@@ -104,13 +104,23 @@ class Spots(TabularResult):
     def records(self) -> list[dict[str, float]]:
         """Return one record per object and focus: widths, radii and centroids."""
         shape = len(self.omega_deg), len(self.focus_mm)
-        (ct, cs), (rt, rs), (et, es) = self.centroid_px(), self.rms_px(), self.extent_px()
         columns = {
             "omega_deg": self.omega_deg[:, None],
             "azimuth_deg": self.bundles.azimuth_deg[:, None],
             "focus_mm": self.focus_mm,
             "chief_px": self.chief_px,
             "filled": self.filled[:, None],
+            **self._sizes_px(),
+        }
+        rows = zip(
+            *(np.broadcast_to(c, shape).ravel().tolist() for c in columns.values()), strict=True
+        )
+        return [dict(zip(columns, row, strict=True)) for row in rows]
+
+    def _sizes_px(self) -> dict[str, Array]:
+        """Return centroids, radii and widths (k, m) by name."""
+        (ct, cs), (rt, rs), (et, es) = self.centroid_px(), self.rms_px(), self.extent_px()
+        return {
             "centroid_t_px": ct,
             "centroid_s_px": cs,
             "rms_t_px": rt,
@@ -119,10 +129,23 @@ class Spots(TabularResult):
             "extent_t_px": et,
             "extent_s_px": es,
         }
-        rows = zip(
-            *(np.broadcast_to(c, shape).ravel().tolist() for c in columns.values()), strict=True
+
+    def _fields(self) -> Fields:
+        angle, focus = ("omega_deg",), ("focus_mm",)
+        sizes = {"chief_px": self.chief_px, **self._sizes_px()}
+        return Fields(
+            {
+                **{name: (angle + focus, values) for name, values in sizes.items()},
+                "filled": (angle, self.filled),
+            },
+            {
+                "omega_deg": (angle, self.omega_deg),
+                "azimuth_deg": (angle, self.bundles.azimuth_deg),
+                "object_distance_mm": (angle, self.bundles.object_distance_mm),
+                "focus_mm": (focus, self.focus_mm),
+            },
+            {"sensor": self.bundles.sensor.name},
         )
-        return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def _mean(self, values: Array) -> Array:
         # rays that miss a lens surface have no position and no weight
@@ -211,7 +234,7 @@ RIM_CLEARANCE_DEG = (
 
 
 @dataclass(frozen=True)
-class BlurCheck(Result):
+class BlurCheck(FieldResult):
     """Blur of real rays minus the evaluation, k field angles, j F-numbers; arrays (j, k), px."""
 
     f_number: Array
@@ -233,6 +256,12 @@ class BlurCheck(Result):
         columns = {f.name: getattr(self, f.name) for f in fields(self)}
         columns["f_number"] = self.f_number[:, None]
         return {name: np.broadcast_to(c, shape).ravel() for name, c in columns.items()}
+
+    def _fields(self) -> Fields:
+        dimensions = ("f_number", "omega_deg")
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        coordinates = {name: ((name,), values.pop(name)) for name in dimensions}
+        return Fields({k: (dimensions, v) for k, v in values.items()}, coordinates, {})
 
     def max_abs(self, name: str) -> Array:
         """Return the largest magnitude (j,) of a column over the field."""

@@ -8,6 +8,7 @@ the only state: a repeated run submits the blocks without output.
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import pickle
 import threading
@@ -24,6 +25,7 @@ from concurrent.futures import (
 )
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from itertools import islice
 from typing import Any, Generic, Protocol, TypeVar
@@ -264,6 +266,10 @@ class ClusterWorkers(BlockWorkers):
             )
         super().__init__(self.client.get_executor(pure=False), threads)
 
+    def submit(self, block: BlockTask) -> Future[Any]:
+        """Queue a block."""
+        return self.executor.submit(run_on_cluster, block)
+
     def recover(self) -> bool:
         """Wait for a restarted scheduler with workers.
 
@@ -307,6 +313,30 @@ def run_on_worker(block: BlockTask) -> Any:
         raise OmnimirrorError(f"{block.name} failed on a worker: {type(e).__name__}: {e}") from None
 
 
+def run_on_cluster(block: BlockTask) -> Any:
+    """Run a block in a worker of a Dask cluster."""
+    reuse_freed_memory()
+    return run_on_worker(block)
+
+
+MMAP_BYTES, TRIM_BYTES = 32 << 20, 64 << 20
+"""Maximum thresholds that glibc sets by itself."""
+
+
+@cache
+def reuse_freed_memory() -> None:
+    """Keep freed memory of images in this process, with the GNU C library.
+
+    Dask starts workers with MALLOC_TRIM_THRESHOLD_ = 64 kB, by which each image is allocated from
+    and returned to the operating system. This requires 30 % more processor time for dewarping.
+    """
+    mmap_threshold, trim_threshold = -3, -1  # constants of malloc.h
+    with suppress(OSError, AttributeError, TypeError):
+        set_option = ctypes.CDLL(None).mallopt
+        set_option(mmap_threshold, MMAP_BYTES)
+        set_option(trim_threshold, TRIM_BYTES)
+
+
 def _is_picklable(error: Exception) -> bool:
     try:
         return type(pickle.loads(pickle.dumps(error))) is type(error)
@@ -316,6 +346,12 @@ def _is_picklable(error: Exception) -> bool:
 
 LOCAL_CLUSTER = "local"
 """Name of a Dask cluster of this machine that exists for the run."""
+LOCAL_CLUSTER_SETTINGS = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Settings of a local cluster, without the diagnostics of its dashboard."""
 
 
 @contextmanager
@@ -355,16 +391,20 @@ def workers_on_cluster(
             return
         try:
             distributed: Any = import_module("distributed")
+            config: Any = import_module("dask.config")
         except ImportError:
             raise OmnimirrorError(
                 f"a Dask cluster requires distributed: {extra_remedy('cluster')}"
             ) from None
-        with distributed.LocalCluster(
-            n_workers=count or usable_cores(),
-            threads_per_worker=1,
-            dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,
-        ) as cluster:
+        with (
+            config.set(LOCAL_CLUSTER_SETTINGS),
+            distributed.LocalCluster(
+                n_workers=count or usable_cores(),
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+        ):
             yield from _closing(ClusterWorkers(cluster.scheduler_address, noun))
     finally:
         log.setLevel(before)

@@ -62,8 +62,10 @@ class OmnimirrorError(ValueError):
 
 
 class OmnimirrorWarning(UserWarning):
-    """Warning about a readable file that contains contradictory numbers; the command line prints
-    it.
+    """Category of all warnings of the package: readable input that contains contradictory numbers.
+
+    The command line prints them; ``warnings.simplefilter("error", om.OmnimirrorWarning)`` raises
+    them as exceptions.
     """
 
 

@@ -85,7 +85,7 @@ class Backend:
         try:
             module = import_module("omnimirror.base._native")  # by name, see test_architecture
         except ImportError as e:
-            log = logging.getLogger("omnimirror")
+            log = logging.getLogger(__name__)
             log.warning(
                 "the compiled kernels are missing: images are dewarped by OpenCV, which is several times slower; "
                 "install omnimirror again on a computer with a C++20 compiler"
@@ -93,7 +93,7 @@ class Backend:
             log.info("%s", e)
             return None
         if getattr(module, "INTERFACE", None) != INTERFACE:
-            logging.getLogger("omnimirror").warning(
+            logging.getLogger(__name__).warning(
                 "the compiled kernels belong to another version and are ignored: computations are several times "
                 "slower; install omnimirror again"
             )

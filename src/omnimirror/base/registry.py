@@ -110,7 +110,7 @@ class Registry(Mapping[str, T], Generic[T]):
                 usable[name] = self[name]
             except OmnimirrorError as e:
                 if name not in self._reported:
-                    logging.getLogger("omnimirror").warning("%s", e)
+                    logging.getLogger(__name__).warning("%s", e)
                     self._reported.add(name)
         return usable
 

@@ -1,4 +1,4 @@
-"""Base classes of results: short ``repr``, HTML for notebooks, and data frames."""
+"""Results: base classes with short ``repr``, data frames, xarray data sets, and HTML cards."""
 
 from __future__ import annotations
 
@@ -9,14 +9,111 @@ from dataclasses import fields, is_dataclass
 from importlib import import_module
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .errors import OmnimirrorError, extra_remedy
 from .escaping import html_text
 from .files import write_json, write_text
-from .notebook_card import CELL_STYLE, card
+from .quantities import QUANTITIES
+from .typing import Array
+
+# -- Notebook cards --------------------------------------------------------------------------------
+#
+# themes.
+
+Rows = Mapping[str, str]
+
+MAX_HEIGHT_PX, MAX_WIDTH_PX = 190.0, 230.0  # maximum size of a drawing
+MARGIN_PX = 5.0
+LINE_STYLES = {
+    "strong": 'stroke-width="2.6"',
+    "plain": 'stroke-width="1.2"',
+    "fine": 'stroke-width="1" stroke-opacity=".45"',
+}
+CELL_STYLE = "background:none;border:0;padding:0 1.2em 0 0;text-align:left;vertical-align:top"
+
+
+class Line(NamedTuple):
+    """Polyline of a drawing: coordinates (n,) to the right and up, and a line style."""
+
+    x: Array
+    y: Array
+    style: str
+
+
+def card(title: str, kind: str, drawing: str, rows: Rows, note: str) -> str:
+    """Return the HTML of a card: a drawing next to a table and a note.
+
+    >>> "<b" in card("mine", "camera", "", {"Field": "0 to 90°"}, "")
+    True
+    """
+    cells = "".join(
+        f'<tr style="background:none"><th scope="row" style="{CELL_STYLE};font-weight:400;opacity:.75">'
+        f'{html_text(name)}</th><td style="{CELL_STYLE};max-width:32em">{html_text(value)}</td></tr>'
+        for name, value in rows.items()
+    )
+    below = f'<div style="max-width:44em;opacity:.75">{html_text(note)}</div>' if note else ""
+    return (
+        '<div style="display:flex;flex-wrap:wrap;gap:.6em 1.6em;align-items:center;font:13px/1.5 system-ui,sans-serif">'
+        f'{drawing}<div><b style="font-size:15px">{html_text(title)}</b> '
+        f'<span style="opacity:.75">{html_text(kind)}</span>'
+        f'<table style="border-collapse:collapse;margin:.3em 0;font-size:13px">{cells}</table>{below}</div></div>'
+    )
+
+
+def line_drawing(lines: Sequence[Line], label: str) -> str:
+    """Return an SVG of lines to a common scale, in the colour of the surrounding text; "" without
+    lines.
+    """
+    if not lines:
+        return ""
+    x, y = (np.concatenate([line[axis] for line in lines]) for axis in (0, 1))
+    low, size = (
+        (np.nanmin(x), np.nanmax(y)),
+        (max(np.ptp(x[np.isfinite(x)]), 1e-9), max(np.ptp(y[np.isfinite(y)]), 1e-9)),
+    )
+    scale = min(MAX_WIDTH_PX / size[0], MAX_HEIGHT_PX / size[1])
+    width, height = (scale * s + 2 * MARGIN_PX for s in size)
+    paths = "".join(_path(line, low, scale) for line in lines)
+    return (
+        f'<svg role="img" aria-label="{html_text(label)}" width="{width:.0f}" height="{height:.0f}" '
+        f'viewBox="0 0 {width:.1f} {height:.1f}" fill="none" stroke="currentColor">{paths}</svg>'
+    )
+
+
+def _path(line: Line, low: tuple[float, float], scale: float) -> str:
+    """Return an SVG path that is interrupted at NaN coordinates."""
+    commands, is_down = [], False
+    for u, v in zip(
+        MARGIN_PX + (line.x - low[0]) * scale, MARGIN_PX + (low[1] - line.y) * scale, strict=True
+    ):
+        is_finite = bool(np.isfinite(u) and np.isfinite(v))
+        if is_finite:
+            commands.append(f"{'L' if is_down else 'M'}{u:.1f} {v:.1f}")
+        is_down = is_finite
+    return f'<path d="{"".join(commands)}" {LINE_STYLES[line.style]}/>'
+
+
+def field_range(low_rad: float, high_rad: float) -> str:
+    """Format a range of field angles.
+
+    >>> field_range(0.0, np.pi / 2)
+    '0 to 90° from the axis'
+    """
+    return f"{np.degrees(low_rad):.4g} to {np.degrees(high_rad):.4g}° from the axis"
+
+
+def origin(notes: str, calibrated_parameters: int) -> str:
+    """Describe the origin of a camera: its notes and the number of calibrated parameters."""
+    parts = [notes] if notes else []
+    if calibrated_parameters:
+        parts.append(f"Calibrated parameters: {calibrated_parameters}, with covariance.")
+    return " ".join(parts)
+
+
+# -- Base classes ----------------------------------------------------------------------------------
 
 Columns = Mapping[str, Any]
 """Columns of a table by name: arrays or lists of one length."""
@@ -288,6 +385,87 @@ class Result:
         return (
             f"<div>{card(type(self).__name__, '', '', facts, '')}{_html_table(self._table())}</div>"
         )
+
+
+class Fields(NamedTuple):
+    """Fields of a result over its coordinates, each with the names of its dimensions."""
+
+    variables: Mapping[str, tuple[tuple[str, ...], Any]]
+    coordinates: Mapping[str, tuple[tuple[str, ...], Any]]
+    attributes: Mapping[str, Any]
+
+
+def column_fields(
+    columns: Mapping[str, Any], attributes: Mapping[str, Any], *more_coordinates: str
+) -> Fields:
+    """Return columns (n,) as fields over the first of them.
+
+    >>> fields = column_fields({"omega_deg": [0, 90], "h_px": [0, 200]}, {"kind": "geometric"})
+    >>> fields.variables, fields.coordinates
+    ({'h_px': (('omega_deg',), [0, 200])}, {'omega_deg': (('omega_deg',), [0, 90])})
+    """
+    dimension = (next(iter(columns)),)
+    variables = {name: (dimension, column) for name, column in columns.items()}
+    coordinates = {name: variables.pop(name) for name in dimension + more_coordinates}
+    return Fields(variables, coordinates, attributes)
+
+
+class FieldResult(Result, ABC):
+    """Result that consists of fields over coordinates: field angle, distance, frequency, ..."""
+
+    @abstractmethod
+    def _fields(self) -> Fields:
+        """Return the fields, with quantity names as keys."""
+
+    def to_xarray(self) -> Any:
+        """Convert to an xarray data set over the coordinates of the result.
+
+        Results at several object distances are joined by ``xarray.concat``.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables with the attributes ``units`` and ``long_name``.
+
+        Raises
+        ------
+        OmnimirrorError
+            If xarray is not installed.
+
+        Examples
+        --------
+        >>> import omnimirror as om
+        >>> sensor = om.load_sensor("paper-spherical")
+        >>> om.spots(sensor, [45.0, 90.0], focus_mm=[200.0, 300.0, 400.0]).to_xarray().rms_t_px.dims
+        ('omega_deg', 'focus_mm')
+
+        Blur over field angle and object distance:
+
+        >>> import xarray
+        >>> results = [om.evaluate(sensor, [0.0, 90.0], object_distance_mm=p) for p in (300.0, 900.0)]
+        >>> blur = xarray.concat([r.to_xarray() for r in results], "object_distance_mm").blur_t_px
+        >>> dict(blur.sizes), blur.attrs["units"]
+        ({'object_distance_mm': 2, 'omega_deg': 2}, 'px')
+        """
+        try:
+            xarray = import_module("xarray")
+        except ImportError:
+            raise OmnimirrorError(f"data sets require xarray: {extra_remedy('tables')}") from None
+        variables, coordinates, attributes = self._fields()
+        return xarray.Dataset(
+            {name: (*field, _quantity_attributes(name)) for name, field in variables.items()},
+            {name: (*field, _quantity_attributes(name)) for name, field in coordinates.items()},
+            {name: value for name, value in attributes.items() if value is not None},
+        )
+
+
+def _quantity_attributes(name: str) -> dict[str, str]:
+    """Return unit and title of a quantity in the conventions of xarray."""
+    if name not in QUANTITIES:
+        return {}
+    quantity = QUANTITIES[name]
+    attributes = {"units": quantity.unit, "long_name": quantity.title}
+    return {key: text for key, text in attributes.items() if text}
 
 
 class TabularResult(Result, ABC):

@@ -45,7 +45,7 @@ def terminate_process(process: subprocess.Popen[bytes]) -> None:
     process.wait()  # short, because the process is killed
     for stream in (process.stdin, process.stdout):
         with suppress(OSError):  # the last message may be undelivered
-            stream.close()  # type: ignore[union-attr]
+            stream.close()  # type: ignore[union-attr]  # started with pipes
 
 
 class WorkerDied(OmnimirrorError):
@@ -94,7 +94,7 @@ class WorkerPool(Executor):
             for _ in range(self._processes - len(self._workers)):
                 self._idle.append(self._start())
 
-    def submit(  # type: ignore[override]
+    def submit(  # type: ignore[override]  # keyword arguments are not sent
         self, function: Callable[..., T], /, *args: Any
     ) -> Future[T]:
         """Queue a call of a module-level function.
@@ -115,7 +115,7 @@ class WorkerPool(Executor):
         results: list[T | None] = [None] * len(jobs)
         for number, result in self.each(function, jobs):
             results[number] = result
-        return results  # type: ignore[return-value]
+        return results  # type: ignore[return-value]  # each job has filled its place
 
     def each(
         self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]]
@@ -189,7 +189,7 @@ class WorkerPool(Executor):
         result, failure = pickle.loads(answer)
         if failure is not None:
             raise failure
-        return result  # type: ignore[no-any-return]
+        return result  # type: ignore[no-any-return]  # unpickled
 
     def _take(self) -> subprocess.Popen[bytes]:
         """Return an idle process, which is started on demand."""

@@ -9,7 +9,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from ..base.errors import InvalidParameter, OmnimirrorError
-from ..base.nonlinear_least_squares import damped_step, levenberg_marquardt
+from ..base.numerics import damped_step, levenberg_marquardt
 from ..base.typing import Array
 from ..cameras.camera import inside_image
 from ..cameras.models.camera_model import CameraModel
@@ -18,11 +18,11 @@ from ..optics.lenses import Perspective
 from ..optics.mirrors import ConicAsphere, SlopeSpline
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import trace_chief_rays
-from .projection_derivatives import profile_derivatives
 from .sensor_parameters import (
     ParameterLocation,
     ParameterPrior,
     parameter_location,
+    profile_derivatives,
     shape_names,
     value_of,
     with_values,
@@ -174,7 +174,7 @@ def with_prescribed_projection(
     if rim_is_known:
         x, slope = x[x <= mirror.rim_radius_mm], slope[x <= mirror.rim_radius_mm]
     else:
-        mirror = replace(mirror, rim_radius_mm=float(x[-1]))  # type: ignore[type-var]
+        mirror = replace(mirror, rim_radius_mm=float(x[-1]))  # type: ignore[type-var]  # every mirror is a dataclass
     if isinstance(mirror, SlopeSpline):
         at = np.linspace(0.0, mirror.rim_radius_mm, len(mirror.slopes))
         return replace(

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InvalidParameter, OmnimirrorError
-from ..base.nonlinear_least_squares import damped_step, levenberg_marquardt
+from ..base.numerics import damped_step, levenberg_marquardt
 from ..base.typing import Array
-from ..cameras.camera import Camera
-from ..cameras.frames import Mount, rotate_vectors
+from ..cameras.camera import Camera, Mount, rotate_vectors
 from ..cameras.models import (
     CameraModel,
     DoubleSphere,

@@ -22,8 +22,7 @@ from ..base.arguments import (
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import atomic_output
 from ..base.results import Columns, Result, record_of, table_of
-from ..cameras.camera import Camera
-from ..cameras.frames import Mount
+from ..cameras.camera import Camera, Mount
 from ..cameras.models import CameraModel, RadialModel
 from ..cameras.models.camera_model import FIELD_ROUNDING_DEG, Optics
 from ..dewarp.views import sphere
@@ -103,7 +102,7 @@ def flipped(camera: Model) -> Model:
         signs = np.array([-1.0 if name in SIGN_CHANGING else 1.0 for name in uncertainty.names])
         matrix = np.array(uncertainty.covariance) * np.outer(signs, signs)
         changes["uncertainty"] = replace(uncertainty, covariance=tuple(map(tuple, matrix.tolist())))
-    return replace(model, **changes)  # type: ignore[no-any-return]
+    return replace(model, **changes)  # type: ignore[no-any-return]  # changes has any values
 
 
 # -- Conversion between file formats ---------------------------------------------------------------
@@ -269,6 +268,7 @@ def convert(
     >>> exact.exact, fitted.exact, fitted.largest_px < 0.5
     (True, False, True)
     """
+    # More than 60 lines: 14 parameters to check; the steps are functions.
     target = file_name("target", target)
     instance("flip", flip, bool, "true or false")
     reading = _read_options(source, optics, mount, rim_radius_px, image_size)

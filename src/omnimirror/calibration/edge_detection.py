@@ -72,7 +72,7 @@ def at_working_size(source: NDArray[Any], short_side_px: int = SHORT_SIDE_PX) ->
         size = max(1, round(width / scale)), max(1, round(height / scale))
         levels = cv2.resize(levels, size, interpolation=cv2.INTER_AREA)
     image = levels.astype(np.float32).reshape(*levels.shape[:2], -1)
-    smooth: Image = cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX).reshape(image.shape)  # type: ignore[assignment]
+    smooth: Image = cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX).reshape(image.shape)  # type: ignore[assignment]  # stub of cv2 returns any dtype
     return WorkingImage(smooth, scale, _noise(smooth))
 
 

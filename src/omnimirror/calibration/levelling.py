@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from ..base.typing import Array
-from ..cameras.camera import Camera
-from ..cameras.frames import CameraLooks, Mount, rotate_vectors
+from ..cameras.camera import Camera, CameraLooks, Mount, rotate_vectors
 from .edge_detection import edge_chains
 
 MAX_TILT_DEG = 40.0

@@ -15,7 +15,7 @@ from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
-from ..cameras.frames import Mount
+from ..cameras.camera import Mount
 from ..cameras.models import Unified
 from ..cameras.models.camera_model import CameraModel, Optics
 from ..optics.sensor import Sensor
@@ -218,6 +218,7 @@ def calibrate_plumb_lines(
     ...
     omnimirror.base.errors.InvalidParameter: images must contain at least 8 long edges in different directions; got 0
     """
+    # More than 60 lines: 10 parameters to check and pass on; the steps are functions.
     size = _size(images, lines, image_size)
     chains = _chains(images, lines, centre_px, radius_px, inner_radius_px)
     edges = edges_of([chain for image_chains in chains for chain in image_chains])

@@ -14,13 +14,12 @@ from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.typing import Array
-from ..cameras.camera import AxialSymmetry, Projection, Rays
-from ..cameras.frames import Mount
+from ..cameras.camera import AxialSymmetry, Mount, Projection, Rays
 from ..cameras.models.camera_model import CameraModel, ModelParameter, PointImages
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors import Sphere
-from ..optics.mirrors.as_built import MirrorPose
+from ..optics.mirrors.mirror import MirrorPose
 from ..optics.sensor import Sensor, check_sensor
 from ._initial_sensor import (
     RIM_TO_DISTANCE,
@@ -29,7 +28,6 @@ from ._initial_sensor import (
     unknown_sensor,
     with_prescribed_projection,
 )
-from .projection_derivatives import image_of_points, image_through_cover
 from .sensor_parameters import (
     DEFAULT_GROUPS,
     ParameterLocation,
@@ -38,6 +36,8 @@ from .sensor_parameters import (
     default_priors,
     free_names,
     group_names,
+    image_of_points,
+    image_through_cover,
     parameter_location,
     unknown_mirror_priors,
     value_of,
@@ -328,17 +328,17 @@ class SensorModel(CameraModel):
     # -- camera interface ------------------------------------------------------------------------
 
     @property
-    def image_size(self) -> tuple[int, int]:  # type: ignore[override]
+    def image_size(self) -> tuple[int, int]:  # type: ignore[override]  # a property replaces the field
         """Image size (width, height) in pixels."""
         return self.sensor.image_size
 
     @property
-    def mount(self) -> Mount:  # type: ignore[override]
+    def mount(self) -> Mount:  # type: ignore[override]  # a property replaces the field
         """Orientation of the camera."""
         return self.sensor.mount
 
     @property
-    def uncertainty(self) -> Uncertainty | None:  # type: ignore[override]
+    def uncertainty(self) -> Uncertainty | None:  # type: ignore[override]  # a property replaces the field
         """Covariance of the parameters estimated by a calibration."""
         return self.sensor.uncertainty
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ..base.arguments import finite, format_value, number, parse_float, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import read_text
-from ..base.nonlinear_least_squares import damped_step, levenberg_marquardt
+from ..base.numerics import damped_step, levenberg_marquardt
 from ..base.typing import Array, Mask
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import rotate_vectors
 from ..cameras.models.camera_model import CameraModel
 
 # -- CSV cells -------------------------------------------------------------------------------------

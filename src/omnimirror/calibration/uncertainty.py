@@ -21,8 +21,7 @@ from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
 from ..base.results import Columns, Result, pixel_grid
 from ..base.typing import Array
-from ..cameras.camera import Rays
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import Rays, rotate_vectors
 from ..cameras.models.camera_model import (
     CameraModel,
     direction_covariance_at,

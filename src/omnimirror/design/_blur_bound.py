@@ -23,8 +23,8 @@ import numpy as np
 
 from ..base.arguments import choice, distances, image_radius, validate_arguments
 from ..base.errors import InvalidParameter
-from ..base.results import Result
-from ..base.root_finding import sign_change
+from ..base.numerics import sign_change
+from ..base.results import FieldResult, Fields, column_fields
 from ..base.typing import Array
 from ..optics.batch.closed_forms import PerspectiveCamera, TelecentricCamera
 from ..optics.lenses import BLUR_MODES, BlurMode, Orthographic, Perspective
@@ -36,7 +36,7 @@ TOLERANCE = 1e-11  # relative, of the integration
 
 
 @dataclass(frozen=True)
-class BlurBound(Result):
+class BlurBound(FieldResult):
     """Lower bound of the blur for a field, rim and lens, with the extremal mirror.
 
     Attributes
@@ -60,6 +60,10 @@ class BlurBound(Result):
     omega_deg: Array = field(repr=False)
     t_deg: Array = field(repr=False)
     s_deg: Array = field(repr=False)
+
+    def _fields(self) -> Fields:
+        columns = {name: getattr(self, name) for name in ("omega_deg", *self._table())}
+        return column_fields(columns, {"blur_deg": self.blur_deg, "focus_mm": self.focus_mm})
 
     @property
     def is_reached(self) -> bool:

@@ -31,14 +31,13 @@ from ..optics.batch.families import Basis, Family, family
 from ..optics.housing import Housing, Rim, Tube
 from ..optics.image_sensor import Imager
 from ..optics.lenses import BLUR_MODES, BlurMode, FieldLens
-from ..optics.mirrors.conics_and_aspheres import conic_profile
+from ..optics.mirrors.mirror import conic_profile
 from ..optics.sensor import Sensor
 from ..optics.tracing.meridian import Pencil, refract_through_shell
 from ..optics.tracing.obscuration import disc_clearance
-from ._mass_and_size import density_of, gauss_nodes
 from .limits import Limit
-from .merits import FieldValues, values_at, values_of
-from .ranges import Range, ends
+from .merits import FieldValues, density_of, gauss_nodes, values_at, values_of
+from .requirements import Range, ends
 
 # -- Overall dimensions and mass of designs, with derivatives, for limits in a search --------------
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 from typing import NamedTuple, Protocol
 
 from ..base.errors import OmnimirrorError
+from ..base.logs import OnProgress
 from ..optics.sensor import Sensor
 from .optimiser import Key, Optimum, Slack
 from .requirement_check import Verdict
@@ -21,7 +24,23 @@ from .requirements import Requirements
 Point = dict[str, float]
 """Design as values by coordinate name; a space ignores other names."""
 
-OnProgress = Callable[[str], None]
+LOGGER = logging.getLogger(__name__)
+OnStep = Callable[[str], None]
+"""Callback with a description of each step."""
+
+
+def step_reporter(on_progress: OnProgress | None) -> OnStep:
+    """Return a callback that logs descriptions of steps and counts the steps."""
+    steps = count(1)
+
+    def on_step(description: str) -> None:
+        LOGGER.info("%s", description)
+        if on_progress is not None:
+            on_progress(next(steps), None)
+
+    return on_step
+
+
 """Callback for progress messages, called before each longer step."""
 
 
@@ -115,7 +134,7 @@ MARGINS = (
 
 
 def meet_other_requirements(
-    space: Space, point: Point, verdict: Verdict, on_progress: OnProgress = lambda message: None
+    space: Space, point: Point, verdict: Verdict, on_step: OnStep = lambda message: None
 ) -> list[Point]:
     """Return points that violate only infeasible requirements by minimal amounts, best first.
 
@@ -123,7 +142,7 @@ def meet_other_requirements(
     ----------
     point, verdict
         Point of the smallest largest violation, and its requirement check.
-    on_progress
+    on_step
         Callback for progress messages, called before the search.
 
     Returns
@@ -136,7 +155,7 @@ def meet_other_requirements(
     missed = _missed(space, verdict)
     if len(missed) < 2 or not set(missed) <= set(space.keys):
         return []
-    on_progress("feasible requirements")
+    on_step("feasible requirements")
     hopeless = tuple(key for key in missed if _reached(space, point, set(missed) - {key}) is None)
     if not 0 < len(hopeless) < len(missed):
         return []

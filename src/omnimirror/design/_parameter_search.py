@@ -16,23 +16,27 @@ from ..base.optimisation import LinearisedValues, MinimaxResult, ObjectiveValues
 from ..base.typing import Array
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor
-from ._candidates import Candidate, focusing, make, mapping_deviation_px
+from ._candidates import Candidate, Focusing, focusing, make, mapping_deviation_px, vergences_of
 from ._design_problem import OF_LENS
 from ._design_space import (
     BestDesign,
-    OnProgress,
+    OnStep,
     Point,
     Reached,
     is_more_met,
     meet_other_requirements,
     priority_note,
 )
-from ._focusing import Focusing, vergences_of
-from .evaluated_field import evaluable_field
 from .optimiser import IMAGE, Key, Slack
-from .ranges import ends, ends_or_none, is_free
-from .requirement_check import EDGE_PX, Verdict, check_requirements, evaluations, given_rows
-from .requirements import OF_OPTICS, Requirements
+from .requirement_check import (
+    EDGE_PX,
+    Verdict,
+    check_requirements,
+    evaluable_field,
+    evaluations,
+    given_rows,
+)
+from .requirements import OF_OPTICS, Requirements, ends, ends_or_none, is_free
 
 # -- Design space of mirrors of a mapping or a family: the numbers of the requirements, and the focus
 #
@@ -694,7 +698,7 @@ class RangeSearch:
 
 
 def solve(
-    requirements: Requirements, on_progress: OnProgress = lambda message: None
+    requirements: Requirements, on_step: OnStep = lambda message: None
 ) -> tuple[ParameterSpace, BestDesign]:
     """Return the best candidate and its design space.
 
@@ -705,11 +709,11 @@ def solve(
     """
     search = RangeSearch(requirements)
     if search.free:
-        on_progress(f"choosing {', '.join(search.free)}")
+        on_step(f"choosing {', '.join(search.free)}")
     result = search.best()
     space = search.space(result)
     best = _design(search, space, result.made)
-    for point in meet_other_requirements(space, best.point, best.verdict, on_progress):
+    for point in meet_other_requirements(space, best.point, best.verdict, on_step):
         try:
             other = _design(search, space, make(space.settled_at(point)))
         except OmnimirrorError:

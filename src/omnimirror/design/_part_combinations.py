@@ -24,7 +24,6 @@ from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
 from ..optics.housing import Dome
 from ..optics.image_sensor import Imager
-from ._mass_and_size import price
 from .catalogue import (
     BallComponent,
     Catalogue,
@@ -37,8 +36,8 @@ from .catalogue import (
     mounts_fit,
 )
 from .limits import Limit, contrast
-from .ranges import Range, ends, ends_or_none
-from .requirements import MAX_FOCUS, Requirements
+from .merits import price
+from .requirements import MAX_FOCUS, Range, Requirements, ends, ends_or_none
 
 AIRY_MM = 2.44 * 550e-6  # diameter of the Airy disc over the F-number
 ROOM = 1 + 1e-9  # rounding tolerance of bounds

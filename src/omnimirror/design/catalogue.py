@@ -15,9 +15,9 @@ from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import parse_toml, read_text
 from ..base.parameters import Parameter
+from ..base.toml_validation import did_you_mean
 from ..optics.lenses import SurfaceLens
 from ..optics.materials import MATERIAL_NAMES
-from ..optics.toml_validation import did_you_mean
 
 RINGS = Parameter(
     "mm", 1e-3, 1e3, "thicknesses of available extension rings between lens and camera"

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.focus import FocusStudy, best_focus
-from ..analysis.meridional_imaging import virtual_images
+from ..analysis.focus import FocusStudy, best_focus, virtual_images
 from ..base.arguments import distances, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.optimisation import minimise_scalar

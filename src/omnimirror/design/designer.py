@@ -9,11 +9,12 @@ from typing import Any
 
 from ..base.arguments import check_fields, instance, integer, validate_arguments
 from ..base.files import json_plain
+from ..base.logs import OnProgress
 from ..base.results import Columns, Result
 from ..optics.lenses import BlurMode
 from ..optics.sensor import Sensor
 from . import _parameter_search, freeform
-from ._design_space import BestDesign, OnProgress, Space
+from ._design_space import BestDesign, OnStep, Space, step_reporter
 from .optimiser import Optimum, Progress
 from .relaxation import Conflict, find_alternatives, find_conflict
 from .requirement_check import RequirementCheck, Verdict
@@ -91,8 +92,8 @@ class SearchOptions:
         Number of initial mirrors; the seed determines the third and later ones.
     resume
         File of finished starts, from which an interrupted search is resumed.
-    on_progress
-        Callback, called after each step.
+    on_iteration
+        Callback of start and merit, called after each step.
     mode, image_radius_px
         As in :func:`omnimirror.evaluate`, for the merit and for limits of blur as constraints. The
         requirement table always refers to the real image.
@@ -110,7 +111,7 @@ class SearchOptions:
     starts: int = 4
     seed: int = 0
     resume: str | Path | None = None
-    on_progress: Callable[[Progress], None] | None = None
+    on_iteration: Callable[[Progress], None] | None = None
     mode: BlurMode = "exact"
     image_radius_px: float | None = None
 
@@ -123,9 +124,9 @@ class SearchOptions:
 @validate_arguments
 def design_sensor(
     requirements: Requirements,
-    on_step: Callable[[str], None] | None = None,
     *,
     search: SearchOptions | None = None,
+    on_progress: OnProgress | None = None,
     on_design: Callable[[Design], None] | None = None,
 ) -> Design:
     """Design a sensor: mirror, distance, lens and focus.
@@ -141,10 +142,11 @@ def design_sensor(
     ----------
     requirements
         Requirements from :func:`omnimirror.load_requirements` or created in Python.
-    on_step
-        Callback for progress messages, called before each longer step.
     search
         Search options of an optimised mirror.
+    on_progress
+        Callback of the number of finished steps, and None. The logger ``omnimirror.design`` reports
+        the steps.
     on_design
         Callback for the design without relaxations, called before the search for relaxations. This
         search is run only if a requirement is missed. A KeyboardInterrupt ends it; the relaxations
@@ -173,36 +175,39 @@ def design_sensor(
     (True, 172.275, 512.0)
     """
     instance("requirements", requirements, Requirements, "requirements")
-    on_progress = on_step or (lambda message: None)
-    space, best = _solve(requirements, on_progress, search or SearchOptions())
+    on_step = step_reporter(on_progress)
+    space, best = _solve(requirements, on_step, search or SearchOptions())
     design = design_of(best.verdict, best.notes, None, best.optimum)
     if on_design is not None:
         on_design(design)
     others = (
         ()
         if requirements.mirror.optimise
-        else find_alternatives(requirements, best.verdict, on_progress)
+        else find_alternatives(requirements, best.verdict, on_step)
     )
-    return replace(design, conflict=find_conflict(space, best, on_progress, others))
+    return replace(design, conflict=find_conflict(space, best, on_step, others))
 
 
 def _solve(
-    requirements: Requirements, on_progress: OnProgress, search: SearchOptions
+    requirements: Requirements, on_step: OnStep, search: SearchOptions
 ) -> tuple[Space, BestDesign]:
     """Return the design space and the best design, for the mirror type of the requirements."""
     if requirements.mirror.optimise is None:
-        return _parameter_search.solve(requirements, on_progress)
+        return _parameter_search.solve(requirements, on_step)
     problem = freeform.problem_of(requirements, search.mode, search.image_radius_px)
-    on_run = search.on_progress or (
-        lambda p: on_progress(f"start {p.run + 1} of {p.runs}, {p.value:.4g}")
-    )
+
+    def on_iteration(progress: Progress) -> None:
+        on_step(f"start {progress.run + 1} of {progress.runs}, {progress.value:.4g}")
+        if search.on_iteration is not None:
+            search.on_iteration(progress)
+
     return freeform.solve(
         requirements,
         problem,
         starts=search.starts,
         seed=search.seed,
         resume=search.resume,
-        on_progress=on_run,
+        on_iteration=on_iteration,
     )
 
 

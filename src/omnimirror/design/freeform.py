@@ -37,9 +37,8 @@ from .optimiser import (
     optimised,
     start,
 )
-from .ranges import ends
 from .requirement_check import check_requirements
-from .requirements import OF_OPTICS, Requirements
+from .requirements import OF_OPTICS, Requirements, ends
 
 SHAPE = "spline"  # default shape
 NUMBERS = (

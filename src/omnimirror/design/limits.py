@@ -13,7 +13,7 @@ from ..base.arguments import InvalidType, finite, format_value, number
 from ..base.errors import InvalidParameter
 from ..base.quantities import QUANTITIES, Quantity
 from ..base.registry import Registry
-from ..optics.toml_validation import did_you_mean
+from ..base.toml_validation import did_you_mean
 from .merits import OF_THE_WHOLE, FieldValues
 
 # -- Contrast at a spatial frequency in closed form: diffraction, defocus and pixel ----------------

@@ -20,7 +20,7 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.optimisation import LinearisedValues, ObjectiveValues, solve_minimax
 from ..base.typing import Array
 from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ..optics.mirrors.conics_and_aspheres import conic_profile
+from ..optics.mirrors.mirror import conic_profile
 from ..optics.tracing.meridian import Meridian
 from .mirror_construction import MountedMirror, RimRay
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,20 +14,27 @@ import numpy as np
 from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
+from ..base.logs import OnProgress
 from ..base.results import Columns, Result, record_of, table_of
 from ..base.worker_processes import WorkerPool
 from ..optics.sensor import Sensor
 from ._candidates import Candidate, focusing, make, sketched, viewing
-from ._mass_and_size import mass_g, outer_size
 from ._parameter_search import RangeSearch
 from ._part_combinations import PartsCombination, combinations_of, cut, requirements_with_parts
 from .catalogue import BallComponent, Catalogue, LensComponent, read_catalogue
 from .component_selection import rings_for
 from .designer import Design, design_of
-from .evaluated_field import evaluable_field
-from .ranges import ends, is_free
-from .requirement_check import RequirementCheck, Verdict, check_requirements, evaluations
-from .requirements import PartsRequirements, Requirements
+from .merits import mass_g, outer_size
+from .requirement_check import (
+    RequirementCheck,
+    Verdict,
+    check_requirements,
+    evaluable_field,
+    evaluations,
+)
+from .requirements import PartsRequirements, Requirements, ends, is_free
+
+LOGGER = logging.getLogger(__name__)
 
 # -- Sensor design for one combination of parts: mirror, aperture and focus ------------------------
 
@@ -345,7 +353,7 @@ def design_from_parts(
     max_designs: int = 10,
     front: bool = False,
     processes: int = 1,
-    on_step: Callable[[str], None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> PartsSearch:
     """Design a mirror for each combination of catalogue parts that may meet the requirements.
 
@@ -366,8 +374,8 @@ def design_from_parts(
         area.
     processes
         Number of parallel processes.
-    on_step
-        Callback for progress messages.
+    on_progress
+        Callback of the number of designed combinations and their total number.
 
     Returns
     -------
@@ -419,12 +427,15 @@ def design_from_parts(
         Counter(r for r in reasons if r is not None),
     )
     remaining = [c for c, reason in zip(everything, reasons, strict=True) if reason is None]
-    on_progress = on_step or (lambda message: None)
     # Closed at a signal too: otherwise the worker processes would outlive the command
     with closing(_designed(requirements, remaining, processes, tally)) as answers:
         for i, answer in enumerate(answers):
             tally.take(answer)
-            on_progress(f"{i + 1} of {len(remaining)} combinations, {len(tally.found)} feasible")
+            LOGGER.info(
+                "%d of %d combinations, %d feasible", i + 1, len(remaining), len(tally.found)
+            )
+            if on_progress is not None:
+                on_progress(i + 1, len(remaining))
             if tally.is_full:
                 break
     return tally.result()

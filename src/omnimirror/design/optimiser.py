@@ -23,18 +23,18 @@ from ..base.optimisation import (
     solve_minimax,
 )
 from ..base.results import Columns, Result, record_of, table_of
+from ..base.toml_validation import NullLocator
 from ..base.typing import Array
 from ..optics.batch.families import Basis
 from ..optics.image_sensor import Imager
 from ..optics.mirrors import Equidistant, Mirror, SlopeSpline, Sphere
 from ..optics.sensor import Sensor
 from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
-from ..optics.toml_validation import NullLocator
 from ._blur_bound import BlurBound, blur_bound
 from ._design_problem import DesignProblem, DesignSpace, State
 from .limits import Limit
 from .merits import FieldValues, Merit, merit_named
-from .ranges import ends
+from .requirements import ends
 
 # -- Objectives and constraints of the optimiser, as rows with exact derivatives in a design space
 #
@@ -328,7 +328,7 @@ def optimise(
     starts: int = 4,
     seed: int = 0,
     resume: str | Path | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_iteration: Callable[[Progress], None] | None = None,
 ) -> Optimum:
     """Optimise mirror, focus and free parameters of a problem for a merit.
 
@@ -342,8 +342,8 @@ def optimise(
         Number of initial mirrors; the seed determines the third and later ones.
     resume
         File of finished starts, from which an interrupted search is resumed.
-    on_progress
-        Callback, called after each step.
+    on_iteration
+        Callback of start and merit, called after each step.
 
     Returns
     -------
@@ -377,7 +377,7 @@ def optimise(
     >>> float(result.area_px2.min() / result.area_px2.max()) > 0.8999
     True
     """
-    optimum = optimised(problem, merit, starts, seed, resume, on_progress)
+    optimum = optimised(problem, merit, starts, seed, resume, on_iteration)
     if not isinstance(optimum, Optimum):
         raise OmnimirrorError(
             f"no mirror of {problem.terms} terms of {problem.family} meets all limits; use "
@@ -392,7 +392,7 @@ def optimised(
     starts: int = 4,
     seed: int = 0,
     resume: str | Path | None = None,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_iteration: Callable[[Progress], None] | None = None,
 ) -> Optimum | list[Array]:
     """Optimise like :func:`optimise`, but return end points if no design is feasible."""
     if starts < 1:
@@ -404,8 +404,8 @@ def optimised(
     try:
         for i in range(len(runs), starts):
             on_step = (
-                (lambda v, i=i: on_progress(Progress(i, starts, coarse.shown(v))))
-                if on_progress
+                (lambda v, i=i: on_iteration(Progress(i, starts, coarse.shown(v))))
+                if on_iteration
                 else None
             )
             name, y = _start_of_many(space, merit, i, seed, on_step)

@@ -14,7 +14,7 @@ from ..base.errors import OmnimirrorError
 from ..base.results import Columns, Result, record_of, table_of
 from ..optics.image_sensor import Imager
 from ..optics.mirrors.mappings import MAPPINGS
-from ._design_space import BestDesign, OnProgress, Point, Space
+from ._design_space import BestDesign, OnStep, Point, Space
 from ._parameter_search import RangeSearch, Ranked
 from .catalogue import ImagerComponent, read_catalogue
 from .limits import Limit
@@ -66,7 +66,7 @@ class Alternative:
 
 
 def find_alternatives(
-    requirements: Requirements, verdict: Verdict, on_progress: OnProgress
+    requirements: Requirements, verdict: Verdict, on_step: OnStep
 ) -> Iterator[Alternative]:
     """Yield the alternatives that meet all requirements or violate them less than a design does.
 
@@ -74,12 +74,12 @@ def find_alternatives(
     ----------
     verdict
         Design with the requested choices.
-    on_progress
+    on_step
         Callback for progress messages, called before each alternative.
     """
     screened = list[tuple[Choice, Ranked]]()
     for choice in _choices(requirements):
-        on_progress(f"alternative {choice.entry} = {choice.value}")
+        on_step(f"alternative {choice.entry} = {choice.value}")
         if (result := RangeSearch(choice.requirements).screened(SCREENED)) is not None:
             screened.append((choice, result))
     screened.sort(
@@ -89,7 +89,7 @@ def find_alternatives(
     for choice, result in screened:
         if result.cost > 0 and remaining:
             remaining -= 1
-            on_progress(f"alternative {choice.entry} = {choice.value}: search")
+            on_step(f"alternative {choice.entry} = {choice.value}: search")
             result = RangeSearch(choice.requirements).followed(result, enough=0.0)
         reached = check_requirements(choice.requirements, result.made.sensor)
         if reached.is_met or reached.worst < (1 - MIN_GAIN) * verdict.worst:
@@ -277,7 +277,7 @@ Holds = Callable[[Sequence[Relaxation]], bool | None]
 def find_conflict(
     space: Space,
     best: BestDesign,
-    on_progress: OnProgress = lambda message: None,
+    on_step: OnStep = lambda message: None,
     alternatives: Iterable[Alternative] = (),
 ) -> Conflict | None:
     """Analyse the conflict of infeasible requirements; return None if all are met.
@@ -288,7 +288,7 @@ def find_conflict(
         Design space around the best design.
     best
         Design with the smallest violation.
-    on_progress
+    on_step
         Callback with the current step and the number of steps, called before each step.
     alternatives
         Discrete choices, evaluated during iteration.
@@ -301,11 +301,11 @@ def find_conflict(
     count = len(_names(space, best)) + 1
     try:
         for advice, point in _single_relaxations(
-            space, best, lambda name: on_progress(f"relaxation {len(alone) + 1} of {count}: {name}")
+            space, best, lambda name: on_step(f"relaxation {len(alone) + 1} of {count}: {name}")
         ):
             holds = partial(_holds, space, point)
             alone.append(nearest(verified(advice, holds), holds))
-        on_progress(f"relaxation {count} of {count}: all requirements together")
+        on_step(f"relaxation {count} of {count}: all requirements together")
         joint = _jointly(space, best, sorted(alone, key=_by_share))
         others.extend(alternatives)
     except KeyboardInterrupt:
@@ -487,18 +487,18 @@ def _is_other(space: Space, row: RequirementCheck) -> bool:
 
 
 def _single_relaxations(
-    space: Space, best: BestDesign, on_progress: OnProgress
+    space: Space, best: BestDesign, on_step: OnStep
 ) -> Iterator[tuple[Relaxation, Point]]:
     """Yield each individually relaxed requirement with a feasible design."""
     for i, row in enumerate(best.verdict.limits):
-        on_progress(row.label)
+        on_step(row.label)
         yield _relaxed_limit(space, best, i, row)
     for row in best.verdict.rows:
         if _is_other(space, row):
-            on_progress(row.name)
+            on_step(row.name)
             yield _relaxed_limit(space, best, row.name, row)
     for name in space.numbers:
-        on_progress(name)
+        on_step(name)
         yield _relaxed_number(space, best, name)
 
 

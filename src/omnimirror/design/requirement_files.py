@@ -14,15 +14,7 @@ from pydantic import Field
 from ..base.arguments import file_name, instance, validate_arguments
 from ..base.errors import SpecError
 from ..base.files import parse_toml, read_text
-from ..cameras.frames import Mount
-from ..optics.image_sensor import Imager
-from ..optics.lenses import Perspective
-from ..optics.mirrors.measured import MAPPING_FILE
-from ..optics.sensor import Sensor, check_sensor
-from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
-from ..optics.thermal import Thermal
-from ..optics.toml_validation import (
-    MountTable,
+from ..base.toml_validation import (
     NullLocator,
     SourceLocator,
     Table,
@@ -31,6 +23,13 @@ from ..optics.toml_validation import (
     table_model,
     validated,
 )
+from ..cameras.camera import Mount
+from ..optics.image_sensor import Imager
+from ..optics.lenses import Perspective
+from ..optics.mirrors.measured import MAPPING_FILE
+from ..optics.sensor import Sensor, check_sensor
+from ..optics.sensor_files import MountTable, housing_of, housing_tables, lens_of, lens_table
+from ..optics.thermal import Thermal
 from .catalogue import TYPICAL
 from .limits import LIMITABLE, Limit
 from .requirements import (

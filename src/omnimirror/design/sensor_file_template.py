@@ -11,7 +11,7 @@ from ..base.project import schema_directive
 from ..optics.image_sensor import ImagerPose
 from ..optics.lenses import LENSES, Lens
 from ..optics.mirrors import MIRRORS, Mirror, Secondary
-from ..optics.mirrors.as_built import MirrorPose
+from ..optics.mirrors.mirror import MirrorPose
 from ..optics.sensor_files import HOUSING_PARTS
 from ..optics.thermal import Thermal
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -14,8 +14,16 @@ from ..base.errors import InvalidParameter, OutsideField
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
 from ._source_coordinates import is_separable, lattice_map_of, polar_map_of, source_pixels
-from .field_of_view import annulus_of, field_of
-from .interfaces import INTERPOLATIONS, Border, Image, Interpolation, Map
+from .interfaces import (
+    INTERPOLATIONS,
+    Border,
+    Image,
+    Interpolation,
+    Map,
+    SupportsArray,
+    TensorT,
+    apply_to_images,
+)
 from .maps import PixelMap, Rectangle
 from .sampling import (
     border_values,
@@ -27,7 +35,7 @@ from .sampling import (
     with_alpha,
 )
 from .screens import Screen, View, parts_of
-from .viewpoints import Viewpoint, check_viewpoint
+from .view_geometry import Viewpoint, annulus_of, check_viewpoint, field_of
 from .yuv import (
     SITINGS,
     Planes,
@@ -125,34 +133,64 @@ class Dewarper:
         check_viewpoint(self.viewpoint)
         check_border(self.border)
 
-    def __call__(self, image: Image, transparent: bool = False, out: Image | None = None) -> Image:
-        """Return the dewarped image with the same bit depth.
+    @overload
+    def __call__(
+        self, image: Image, transparent: bool = False, out: Image | None = None
+    ) -> Image: ...
+
+    @overload
+    def __call__(self, image: TensorT, transparent: bool = False, out: None = None) -> TensorT: ...
+
+    @overload
+    def __call__(
+        self, image: SupportsArray, transparent: bool = False, out: Image | None = None
+    ) -> Image: ...
+
+    def __call__(self, image: Any, transparent: bool = False, out: Image | None = None) -> Any:
+        """Return the dewarped image with the same data type.
 
         Parameters
         ----------
-        image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array, uint8, uint16 or float32
-            Image of the camera's ``image_size``.
+        image : (h, w), (h, w, c) or (n, h, w, c) array, c = 1, 3 or 4
+            Image of the camera's ``image_size``, or n such images: uint8, uint16, int16, float32,
+            float64 or bool. Objects with ``__dlpack__`` or ``__array__``, for example tensors in
+            the memory of the CPU, are read as well.
         transparent
             Add an alpha channel, 0 outside the field. An existing alpha channel has the border
             value there.
         out
-            Output array of the view's size with the channels and data type of the result.
+            NumPy array of the view's size with the channels and data type of the result.
+
+        Returns
+        -------
+        (rows, columns), (rows, columns, c) or (n, rows, columns, c) array
+            Tensors of a library that reads DLPack yield tensors of that library; ``out``, if given,
+            is returned.
 
         Raises
         ------
         InvalidParameter
             If an image does not match the camera in size or type, or ``out`` does not match the
             view.
+
+        Notes
+        -----
+        Integers are rounded to the nearest and limited to the range of the type, which cubic
+        interpolation otherwise exceeds at edges. A bool is True where the interpolated mean is
+        above 0.5. float64 is sampled in float32: the relative error is below 1e-6 of the largest
+        value nearby.
         """
-        check_image(image, self.camera.image_size)
         instance("transparent", transparent, bool, "True or False")
-        if out is not None:
-            instance("out", out, np.ndarray, "an array of pixels")
-        border: Border = self.border
-        if transparent:
-            border = transparent_border(border, image)
-            image = with_alpha(image)
-        return remap(image, self._map, self.interpolation, out, border)
+
+        def dewarp(frame: Image, target: Image | None) -> Image:
+            check_image(frame, self.camera.image_size)
+            border: Border = self.border
+            if transparent:
+                border = transparent_border(border, frame)
+                frame = with_alpha(frame)
+            return remap(frame, self._map, self.interpolation, target, border)
+
+        return apply_to_images(image, out, dewarp)
 
     @validate_arguments
     def planes(
@@ -267,7 +305,7 @@ class Dewarper:
     @cached_property
     def _map(self) -> Map:
         """Map for all images: the pixel map if requested or if no other map applies."""
-        return self._pixel_map if self.keep_map or self._quick_map is None else self._quick_map
+        return self.pixel_map if self.keep_map or self._quick_map is None else self._quick_map
 
     @cached_property
     def _quick_map(self) -> Map | None:
@@ -291,7 +329,8 @@ class Dewarper:
         return replace(lattice, annulus=annulus_of(self.camera))
 
     @cached_property
-    def _pixel_map(self) -> PixelMap:
+    def pixel_map(self) -> PixelMap:
+        """Map with the source coordinates of all pixels, for samplers of other libraries."""
         annulus = annulus_of(self.camera)
         if self._quick_map is not None:
             return PixelMap.of(self._quick_map, annulus)
@@ -385,24 +424,51 @@ class ColourDewarper:
         """Mask (height, width), False outside the field of the green channel."""
         return self._colours[GREEN].valid
 
-    def __call__(self, image: Image, transparent: bool = False, out: Image | None = None) -> Image:
-        """Return the dewarped image with the same bit depth.
+    @overload
+    def __call__(
+        self, image: Image, transparent: bool = False, out: Image | None = None
+    ) -> Image: ...
+
+    @overload
+    def __call__(self, image: TensorT, transparent: bool = False, out: None = None) -> TensorT: ...
+
+    @overload
+    def __call__(
+        self, image: SupportsArray, transparent: bool = False, out: Image | None = None
+    ) -> Image: ...
+
+    def __call__(self, image: Any, transparent: bool = False, out: Image | None = None) -> Any:
+        """Return the dewarped image with the same data type.
 
         Parameters
         ----------
-        image : (h, w, 3) or (h, w, 4) array, uint8, uint16 or float32
-            Colour image of the cameras' ``image_size``; alpha is dewarped with the green channel.
+        image : (h, w, c) or (n, h, w, c) array, c = 3 or 4
+            Colour image of the cameras' ``image_size``, or n such images, of the types of
+            :class:`omnimirror.Dewarper`; alpha is dewarped with the green channel.
         transparent
             Add an alpha channel, 0 outside the field. An existing alpha channel has the border
             value there.
         out
-            Output array of the view's size with the channels and data type of the result.
+            NumPy array of the view's size with the channels and data type of the result.
+
+        Returns
+        -------
+        (rows, columns, c) or (n, rows, columns, c) array
+            As in :class:`omnimirror.Dewarper`.
 
         Raises
         ------
         InvalidParameter
             If the image has no colours or the wrong size, or ``out`` does not match the view.
         """
+        instance("transparent", transparent, bool, "True or False")
+
+        def dewarp(frame: Image, target: Image | None) -> Image:
+            return self._dewarp(frame, transparent, target)
+
+        return apply_to_images(image, out, dewarp)
+
+    def _dewarp(self, image: Image, transparent: bool, out: Image | None) -> Image:
         check_image(image, self.camera.image_size)
         if image.ndim != 3 or image.shape[2] < 3:
             raise InvalidParameter(

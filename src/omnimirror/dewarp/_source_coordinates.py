@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from ..base.caching import cached_property
 from ..base.native import AxialCamera, backend, kernel_array
 from ..base.typing import Array, Mask
-from ..cameras.camera import AxialSymmetry, Camera, inside_image
-from ..cameras.frames import pan_tilt_direction, rotate_vectors
-from .field_of_view import is_vertical
+from ..cameras.camera import AxialSymmetry, Camera, inside_image, pan_tilt_direction, rotate_vectors
 from .maps import LatticeMap, PolarMap
 from .screens import Panorama, Screen, View, parts_of
-from .screens._screen import pixels_of_rows
-from .viewpoints import Viewpoint, centre_of_projection, projection_of
+from .screens._projections import pixels_of_rows
+from .view_geometry import Viewpoint, centre_of_projection, is_vertical, projection_of
 
 # -- Tabulated projection of axially symmetric cameras ---------------------------------------------
 #

@@ -28,7 +28,7 @@ from ..io.batch import (
     outputs_for,
     run_parallel,
 )
-from ..io.exif import (
+from ..io.image_metadata import (
     ORIENTATION_NAMES,
     STORED_ORIENTATION_HINT,
     TRANSPOSING_ORIENTATIONS,
@@ -217,7 +217,7 @@ class ImageDewarper:
         """Return the deblurred image and a description of its blur and noise."""
         assert self.restoration is not None
         with self.restoration_lock:
-            return self.restoration.restored(image, source, self.restorer(camera, exposure))  # type: ignore[arg-type]
+            return self.restoration.restored(image, source, self.restorer(camera, exposure))  # type: ignore[arg-type]  # cameras are hashable
 
     def __call__(self, source: Path, output: Path) -> str:
         """Read, dewarp and write one image; return a summary sentence."""

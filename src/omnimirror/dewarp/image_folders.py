@@ -13,7 +13,7 @@ from .interfaces import Interpolation
 from .request import BorderArgument, BorderColour, DewarpRequest, Size
 from .restoration.deblurring import Restoration
 from .screens import View
-from .viewpoints import Viewpoint
+from .view_geometry import Viewpoint
 
 
 @validate_arguments

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_fields, format_value, instance, parse_float
 from ..base.errors import InvalidParameter
-from ..cameras.camera import Camera
-from ..cameras.frames import Mount
+from ..cameras.camera import Camera, Mount
 from ..io import GPano
 from ..io.batch import VIDEO_SUFFIXES
 from ..io.image_sequences import is_sequence
@@ -21,7 +20,7 @@ from ..io.images import OPAQUE
 from . import Dewarper, views
 from .interfaces import Border, Interpolation
 from .screens import Cylinder, Equirectangular, View
-from .viewpoints import Viewpoint
+from .view_geometry import Viewpoint
 
 if TYPE_CHECKING:
     import av

@@ -8,15 +8,16 @@ the image repeat the edge. Area is the mean of cubic samples over the footprint 
 restricted to samples inside the image; auto equals area for minified pixels, and cubic otherwise
 (see "Footprints of output pixels" below).
 
-Results agree within one grey level. Coordinates are rounded to float32 before sampling; the
-compiled samplers quantise fractions of a pixel to 1/255 in uint8 images and to 1/65535 in others.
+Results agree within one grey level; integers are rounded to the nearest and limited to their range.
+Coordinates are rounded to float32 before sampling; the compiled samplers quantise fractions of a
+pixel to 1/255 in uint8 images and to 1/65535 in others.
 
 .. [1] R. G. Keys, Cubic convolution interpolation for digital image processing, IEEE Trans. ASSP 29 (1981).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -33,11 +34,13 @@ from ..base.typing import Mask
 from ..cameras.camera import inside_image
 from ..io.images import OPAQUE
 from .interfaces import (
+    CONVERSIONS,
     INTERPOLATIONS,
     KERNELS,
     Annulus,
     Averages,
     Border,
+    DtypeConversion,
     Image,
     Interpolation,
     Map,
@@ -71,7 +74,7 @@ of a mosaic.
 
 @dataclass(frozen=True)
 class Rule:
-    """Conversion of the side of a footprint to a number of samples."""
+    """DtypeConversion of the side of a footprint to a number of samples."""
 
     single_px: float
     """Maximum side with a single sample."""
@@ -269,9 +272,9 @@ def _largest(values: NDArray[np.float32], cells: tuple[int, int]) -> NDArray[np.
 
 # -- Validation of sampling arguments --------------------------------------------------------------
 
-DEPTHS = frozenset(np.dtype(name) for name in OPAQUE) | {
-    np.dtype(name).newbyteorder() for name in OPAQUE
-}
+FULL_VALUES = {**OPAQUE, "int16": 32767, "float64": 1.0, "bool": 1}
+"""Value of an opaque alpha channel, by data type of arrays."""
+DTYPES = ("uint8", "uint16", "int16", "float32", "float64", "bool")
 MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 
@@ -303,9 +306,9 @@ def check_kind(image: Image) -> None:
         raise InvalidParameter(
             f"the image must have 1 to 4 channels; got an array of shape {image.shape}"
         )
-    if image.dtype not in DEPTHS:
+    if image.dtype.name not in DTYPES:
         raise InvalidParameter(
-            f"the type of the image must be one of {', '.join(OPAQUE)}; got {image.dtype.name}"
+            f"the type of the image must be one of {', '.join(DTYPES)}; got {image.dtype.name}"
         )
 
 
@@ -418,10 +421,12 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
         raise InvalidParameter(
             f"border must have one value, or one for each of the {channels} channels of the image; got {border}"
         )
-    full = OPAQUE[image.dtype.name]
-    if image.dtype.kind == "u" and not ((values >= 0) & (values <= full) & (values % 1 == 0)).all():
+    high = FULL_VALUES[image.dtype.name]
+    low = -high - 1 if image.dtype.kind == "i" else 0
+    is_integer = image.dtype.kind != "f"
+    if is_integer and not ((values >= low) & (values <= high) & (values % 1 == 0)).all():
         raise InvalidParameter(
-            f"border must contain integers from 0 to {full} for {image.dtype.name} images; got {border}"
+            f"border must contain integers from {low} to {high} for {image.dtype.name} images; got {border}"
         )
     return tuple(np.broadcast_to(values, channels).tolist())
 
@@ -440,6 +445,11 @@ def with_alpha(image: Image) -> Image:
     channels = image.shape[2:]
     if channels == (4,):
         return image
+    if image.dtype.name not in OPAQUE:  # OpenCV has no conversion of this type
+        rgba = np.empty((*image.shape[:2], 4), image.dtype)
+        rgba[..., :3] = image if channels else image[..., None]
+        rgba[..., 3] = FULL_VALUES[image.dtype.name]
+        return rgba
     rgb = image if channels == (3,) else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2RGBA))
 
@@ -492,16 +502,81 @@ def _average(job: RemapJob, where: Pixels, averages: Averages) -> None:
     """Compute means over footprints in bands of rows, identical to
     native/src/sampling/footprint.hpp.
     """
-    image = job.source.astype(np.float32)
+    image, dtype = job.source.astype(np.float32), job.target.dtype
+    size = image.shape[1], image.shape[0]
+    for rows, around, taps in _bands(where, size, averages):
+        out = np.empty((*taps.shape[:2], image.shape[2]), np.float32)
+        out[:] = job.border
+        for chosen, centres, positions in _footprint_groups(around, taps, averages):
+            out[chosen] = _means(image, centres, positions)
+        if dtype != np.float32:
+            out = np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max)
+        job.target[rows] = out.astype(dtype, copy=False)
+
+
+def sample_positions(where: Map, interpolation: Interpolation) -> tuple[Values, NDArray[np.int64]]:
+    """Return the positions of all samples of a view, for samplers of other libraries.
+
+    Parameters
+    ----------
+    where
+        Map of the view.
+    interpolation
+        An output pixel is the mean of its samples; for ``"nearest"``, ``"linear"`` and ``"cubic"``
+        it has one sample. Pixels outside the field have none.
+
+    Returns
+    -------
+    positions : (n, 2) float32
+        Source pixels (u, v).
+    indices : (n,)
+        Index of the output pixel of each sample, in rows; ascending.
+
+    Examples
+    --------
+    >>> from omnimirror.dewarp.maps import PixelMap
+    >>> view = PixelMap(np.array([[[0.25, 0.5], [1.6, 0.0], [1.0, 0.0]]]), (2, 2))
+    >>> positions, indices = sample_positions(view, "linear")
+    >>> positions.tolist(), indices.tolist()
+    ([[0.25, 0.5], [1.0, 0.0]], [0, 2])
+    """
+    check_interpolation(interpolation)
+    averages, pixels, size = where.averages(interpolation), where.pixels(), where.source_size
+    if averages is None:
+        inside: Mask = inside_image(pixels.astype(np.float32), size)
+        return pixels[inside].astype(np.float32), np.flatnonzero(inside)
+    columns = where.size[0]
+    samples: list[tuple[Values, NDArray[np.int64]]] = []
+    for rows, around, taps in _bands(pixels, size, averages):
+        for chosen, centres, positions in _footprint_groups(around, taps, averages):
+            indices = np.flatnonzero(chosen) + rows.start * columns
+            is_empty = np.ones(len(indices), np.bool_)
+            for position in positions:
+                visible = inside_image(position, size)
+                is_empty &= ~visible
+                samples.append((position[visible], indices[visible]))
+            samples.append((centres[is_empty], indices[is_empty]))
+    if not samples:
+        return np.zeros((0, 2), np.float32), np.zeros(0, np.int64)
+    all_positions, all_indices = (np.concatenate(part) for part in zip(*samples, strict=True))
+    order = np.argsort(all_indices, kind="stable")
+    return all_positions[order], all_indices[order]
+
+
+def _bands(
+    where: Pixels, size: tuple[int, int], averages: Averages
+) -> Iterator[tuple[slice, Values, NDArray[np.uint8]]]:
+    """Yield bands of rows with their coordinates and a margin of one pixel, and their numbers of
+    samples.
+    """
     rows, columns = where.shape[:2]
     step = averages.step
     band = max(step, BAND_PX // columns // step * step)
     for top in range(0, rows, band):
         bottom = min(top + band, rows)
-        around = _neighbourhood(where, (image.shape[1], image.shape[0]), top, bottom)
         cells = averages.taps[top // step : -(-bottom // step)]
         taps = cells.repeat(step, axis=0).repeat(step, axis=1)[: bottom - top, :columns]
-        job.target[top:bottom] = _band(image, around, taps, averages, job.border, job.target.dtype)
+        yield slice(top, bottom), _neighbourhood(where, size, top, bottom), taps
 
 
 def _neighbourhood(where: Pixels, size: tuple[int, int], top: int, bottom: int) -> Values:
@@ -536,33 +611,38 @@ def _extrapolated(pixels: Values, axis: int, before: bool, after: bool) -> Value
     return np.concatenate([*ends[0], pixels, *ends[1]], axis)
 
 
-def _band(
-    image: Image,
-    around: Values,
-    taps: NDArray[np.uint8],
-    averages: Averages,
-    border: tuple[float, ...],
-    dtype: Any,
-) -> Image:
+def _footprint_groups(
+    around: Values, taps: NDArray[np.uint8], averages: Averages
+) -> Iterator[tuple[Mask, Values, Iterator[Values]]]:
+    """Yield pixels with a common number of samples: their mask, their coordinates (n, 2), and the
+    coordinates of each of their samples, NaN outside the field.
+    """
     middle = around[1:-1, 1:-1]
-    out = np.empty((*middle.shape[:2], image.shape[2]), np.float32)
-    out[:] = border
     aside = _sides(middle, around[1:-1, :-2], around[1:-1, 2:], averages)
     upright = _sides(middle, around[:-2, 1:-1], around[2:, 1:-1], averages)
     inside = np.isfinite(middle[..., 0])
     for across, down in np.unique(taps[inside], axis=0):
         chosen = inside & (taps == (across, down)).all(axis=-1)
-        positions = (
-            middle[chosen]
-            + _part(i, across, [s[chosen] for s in aside])
-            + _part(j, down, [s[chosen] for s in upright])
-            for i in range(across)
-            for j in range(down)
-        )
-        out[chosen] = _means(image, middle[chosen], positions, averages.annulus)
-    if dtype == np.float32:
-        return out
-    return np.floor(out + np.float32(0.5)).clip(0, np.iinfo(dtype).max).astype(dtype)
+        centres = middle[chosen]
+        sides = [side[chosen] for side in aside], [side[chosen] for side in upright]
+        yield chosen, centres, _footprint_positions(centres, sides, (across, down), averages)
+
+
+def _footprint_positions(
+    centres: Values,
+    sides: tuple[list[Values], list[Values]],
+    taps: tuple[int, int],
+    averages: Averages,
+) -> Iterator[Values]:
+    """Yield the coordinates (n, 2) of each sample of some pixels; NaN outside the annulus."""
+    annulus = averages.annulus
+    for i in range(taps[0]):
+        for j in range(taps[1]):
+            pixels = centres + _part(i, taps[0], sides[0]) + _part(j, taps[1], sides[1])
+            if annulus is not None:
+                square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
+                pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
+            yield pixels
 
 
 def _sides(middle: Values, before: Values, after: Values, averages: Averages) -> list[Values]:
@@ -598,9 +678,7 @@ def _part(i: int, count: int, sides: list[Values]) -> Values:
     return abs(t) * sides[0 if t < 0 else 1]
 
 
-def _means(
-    image: Image, middle: Values, positions: Iterable[Values], annulus: Annulus | None
-) -> Image:
+def _means(image: Image, middle: Values, positions: Iterable[Values]) -> Image:
     """Return means (n, channels) of the samples inside; without any, the value at the centre
     (n, 2).
     """
@@ -609,9 +687,6 @@ def _means(
         np.zeros(len(middle), np.float32),
     )
     for pixels in positions:
-        if annulus is not None:
-            square = ((pixels - np.array(annulus[:2], np.float32)) ** 2).sum(axis=-1)
-            pixels[~((square >= annulus.inner**2) & (square <= annulus.outer**2))] = np.nan
         values, visible = _sampled_list(image, pixels)
         sums += values
         counts += visible
@@ -700,8 +775,9 @@ def remap(
 
     Parameters
     ----------
-    image : (h, w) or (h, w, c) array, uint8, uint16 or float32, c from 1 to 4
-        Image of the map's ``source_size``, with any strides.
+    image : (h, w) or (h, w, c) array, c from 1 to 4
+        Image of the map's ``source_size``, with any strides: uint8, uint16, int16, float32, float64
+        or bool. Types other than uint8, uint16 and float32 are copied.
     where
         A :class:`~omnimirror.dewarp.maps.PixelMap`,
         :class:`~omnimirror.dewarp.maps.LatticeMap` or :class:`~omnimirror.dewarp.maps.PolarMap`.
@@ -733,6 +809,9 @@ def remap(
             f"the image must have the size {where.source_size} of the map; got {image.shape[1::-1]}"
         )
     out = output_array(out, image, where.size)
+    if image.dtype.name in CONVERSIONS:
+        conversion = CONVERSIONS[image.dtype.name]
+        return _remap_converted(image, where, interpolation, out, border, conversion)
     target_view = out if out.ndim == 3 else out[..., None]
     is_direct = is_contiguous(target_view) and not np.may_share_memory(image, out)
     target = target_view if is_direct else np.empty(target_view.shape, target_view.dtype)
@@ -745,4 +824,19 @@ def remap(
         selected.sample(job, where)
     if not is_direct:
         target_view[...] = target
+    return out
+
+
+def _remap_converted(
+    image: Image,
+    where: Map,
+    interpolation: Interpolation,
+    out: Image,
+    border: Border,
+    conversion: DtypeConversion,
+) -> Image:
+    """Interpolate an image of a type that the samplers do not support."""
+    values = np.array(border_values(border, image)) * conversion.scale + conversion.offset
+    samples = remap(conversion.encode(image), where, interpolation, border=values.tolist())
+    out[...] = conversion.decode(samples)
     return out

@@ -15,6 +15,7 @@ import av
 from ..base.arguments import validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.files import is_same_file
+from ..base.logs import OnProgress
 from ..base.results import Columns, Result, record_of, table_of
 from ..cameras.camera import Camera
 from ..io import video_processing
@@ -24,7 +25,6 @@ from ..io.keyframes import Keyframes
 from ..io.live_outputs import PipeSink, Preview, StreamSink, Tee, VirtualCamera
 from ..io.live_sources import TICKS, LiveSource, is_live
 from ..io.mp4 import can_be_spherical
-from ..io.progress import FrameProgress
 from ..io.video_frames import (
     FULL_RANGE,
     ColourCoding,
@@ -43,7 +43,7 @@ from ._dewarper import Dewarper
 from .interfaces import Border, Interpolation
 from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoSettings
 from .screens import View
-from .viewpoints import Viewpoint
+from .view_geometry import Viewpoint
 from .yuv import Siting
 
 # -- Video frames ----------------------------------------------------------------------------------
@@ -124,8 +124,8 @@ class VideoCallbacks:
 
     on_warning: Callable[[str], None] = lambda message: None
     """Called with a sentence about losses and doubts."""
-    on_progress: Callable[[FrameProgress], None] = lambda progress: None
-    """Called a few times per second with the progress."""
+    on_progress: OnProgress = lambda done, total: None
+    """Called a few times per second with the number of frames and the expected number."""
 
 
 NO_CALLBACKS = VideoCallbacks()
@@ -144,7 +144,8 @@ def dewarp_video(
     keep_tilt: bool = False,
     stored_orientation: bool = False,
     settings: VideoSettings | None = None,
-    callbacks: VideoCallbacks | None = None,
+    on_progress: OnProgress | None = None,
+    on_warning: Callable[[str], None] | None = None,
 ) -> DewarpedVideo:
     """Dewarp a video, as ``omnimirror dewarp`` does, preserving depth, colours, sound and timing.
 
@@ -169,8 +170,11 @@ def dewarp_video(
         Use frames as stored, ignoring the rotation in the display matrix of the video.
     settings
         Selection of the video and output settings.
-    callbacks
-        Callbacks for losses and progress; none by default.
+    on_progress
+        Callback of the number of frames and the expected number, None if unknown; called a few
+        times per second.
+    on_warning
+        Callback for messages about losses and contradictions.
 
     Returns
     -------
@@ -204,6 +208,9 @@ def dewarp_video(
     names = [outputs] if isinstance(outputs, str | Path) else list(outputs)
     if not names:
         raise InvalidParameter("outputs must contain at least one output; got none")
+    callbacks = VideoCallbacks(
+        on_warning or NO_CALLBACKS.on_warning, on_progress or NO_CALLBACKS.on_progress
+    )
     return dewarp_source(
         str(source), [str(name) for name in names], request, settings or VideoSettings(), callbacks
     )

@@ -12,7 +12,6 @@ from ..base.errors import InvalidParameter
 from ..base.registry import Registry
 from ..cameras.camera import Camera
 from ._source_coordinates import rows_of_pixels
-from .field_of_view import FieldOfView, field_of, pole_of
 from .screens import (
     CubeMap,
     Cylinder,
@@ -29,7 +28,8 @@ from .screens import (
     View,
     parts_of,
 )
-from .screens._screen import NO_OFFSET, Offset
+from .screens._projections import NO_OFFSET, Offset
+from .view_geometry import FieldOfView, field_of, pole_of
 
 __all__ = [
     "MAX_MAGNIFICATION",

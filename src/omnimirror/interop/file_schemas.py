@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 from ..base.arguments import choice
 from ..base.project import schema_address
+from ..base.toml_validation import Table, table_model
 from ..cameras.models import CAMERAS
 from ..design import requirement_files
 from ..design.limits import LIMITABLE
@@ -33,20 +34,20 @@ from ..optics import sensor_files
 from ..optics.image_sensor import Imager, ImagerPose
 from ..optics.lenses import LENSES
 from ..optics.mirrors import MIRRORS, SECONDARIES
-from ..optics.mirrors.as_built import MirrorForm, MirrorPose
 from ..optics.mirrors.mappings import MAPPINGS
 from ..optics.mirrors.measured import MAPPING_FILE
+from ..optics.mirrors.mirror import MirrorForm, MirrorPose
 from ..optics.sensor_files import (
     CAMERA_ENTRIES,
     HOUSING_PARTS,
     SENSOR_ENTRIES,
+    MountTable,
     SensorMountTable,
     UncertaintyTable,
     camera_model,
     secondary_model,
 )
 from ..optics.thermal import Thermal
-from ..optics.toml_validation import MountTable, Table, table_model
 from .batch import job
 from .named_views import MAX_VIEWS, NAME, STEERABLE_KIND, options_model
 

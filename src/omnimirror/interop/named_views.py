@@ -14,10 +14,10 @@ from pydantic import create_model
 from ..base.arguments import check_fields, file_name
 from ..base.errors import InvalidParameter, SpecError
 from ..base.files import read_tables
+from ..base.toml_validation import Table, did_you_mean, merge_tables
 from ..cameras.camera import Camera
 from ..dewarp import views
 from ..dewarp.screens import View
-from ..optics.toml_validation import Table, did_you_mean, merge_tables
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 """Names that are valid in ROS topics, TF frames and URLs."""

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from ..base.arguments import instance, integer, number
 from ..base.errors import OutsideField
 from ..base.typing import Array
-from ..cameras.camera import Camera
-from ..cameras.frames import view_axes
+from ..cameras.camera import Camera, view_axes
 from ..dewarp import Dewarper, views
 from ..dewarp.screens import Equirectangular, Plane, Screen
-from ..dewarp.viewpoints import Viewpoint, projection_of
+from ..dewarp.view_geometry import Viewpoint, projection_of
 from ..optics.sensor import Sensor
 from .ray_tables import obscured_pixels
 

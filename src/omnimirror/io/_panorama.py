@@ -100,7 +100,7 @@ class GPano:
             Compass heading of the centre of the view.
         tilt_deg : (pitch, roll) deg
             Tilt of a view that is not level, as from
-            :meth:`omnimirror.cameras.frames.Mount.view_tilt_deg`.
+            :meth:`omnimirror.cameras.camera.Mount.view_tilt_deg`.
         """
         low, high = elevation_deg
         if not (-90 <= low < high <= 90 and 0 < span_deg <= 360):

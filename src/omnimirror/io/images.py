@@ -26,11 +26,17 @@ from numpy.typing import NDArray
 from ..base.arguments import file_name, instance
 from ..base.errors import MediaError, OmnimirrorError
 from ..base.files import atomic_output, read_bytes
-from . import _image_metadata, exr
-from ._image_metadata import METADATA_WRITERS, embed_metadata, read_metadata
-from ._image_metadata import ImageMetadata as ImageMetadata
+from . import exr, image_metadata
 from ._panorama import GPano
-from .exif import UPRIGHT, oriented, without_orientation
+from .image_metadata import (
+    METADATA_WRITERS,
+    UPRIGHT,
+    embed_metadata,
+    oriented,
+    read_metadata,
+    without_orientation,
+)
+from .image_metadata import ImageMetadata as ImageMetadata
 
 # -- PNG headers, checked before decompression ----------------------------------------------------
 
@@ -282,7 +288,7 @@ def can_be_panorama(path: str | Path) -> bool:
     >>> can_be_panorama("view.jpg"), can_be_panorama("view.exr")
     (True, False)
     """
-    return Path(path).suffix.lower() in _image_metadata.XMP_WRITERS
+    return Path(path).suffix.lower() in image_metadata.XMP_WRITERS
 
 
 def read_image_and_metadata(
@@ -445,7 +451,7 @@ def write_image(
     panorama
         Part of the full sphere in the image, for viewers; supported by JPEG, PNG, WebP and TIFF.
     metadata
-        Colour profile and EXIF from :func:`omnimirror.io._image_metadata.read_metadata`; supported
+        Colour profile and EXIF from :func:`omnimirror.io.image_metadata.read_metadata`; supported
         by the same formats. ``metadata.supported_by`` returns what a file can hold.
 
     Raises
@@ -529,7 +535,7 @@ def _check_writable(
 def _check_panorama(path: str | Path, image: Image, panorama: GPano) -> None:
     if not can_be_panorama(path):
         raise MediaError(
-            f"cannot write {path}: panorama metadata requires {', '.join(_image_metadata.XMP_WRITERS)}"
+            f"cannot write {path}: panorama metadata requires {', '.join(image_metadata.XMP_WRITERS)}"
         )
     height, width = image.shape[:2]
     if panorama.cropped_size != (width, height):
@@ -550,7 +556,7 @@ def _encoded(
         raise MediaError(f"cannot write {path}: {_reason(e)}") from None
     if metadata:
         data = embed_metadata(suffix, data, metadata)
-    return data if panorama is None else _image_metadata.embed_xmp(suffix, data, panorama.xmp())
+    return data if panorama is None else image_metadata.embed_xmp(suffix, data, panorama.xmp())
 
 
 def encoded(image: Image, suffix: str, parameters: Sequence[int] = ()) -> bytes:
@@ -626,3 +632,71 @@ def _quiet() -> Iterator[None]:
             _silence.users -= 1
             if _silence.users == 0:
                 logging.setLogLevel(_silence.before)
+
+
+# -- JPEG coding parameters, quantisation tables and chroma subsampling (ITU-T T.81) ---------------
+
+BLOCK = 8
+
+
+class JpegCoding(NamedTuple):
+    """Coding parameters of an image."""
+
+    tables: tuple[NDArray[np.float64], ...]
+    """Quantisation steps (8, 8) of Y, or of Y, Cb and Cr: by vertical and horizontal frequency."""
+    subsampling: tuple[int, int] = (1, 1)
+    """Chroma subsampling: luma pixels per chroma sample, vertically and horizontally."""
+
+
+def read_jpeg_coding(path: str | Path) -> JpegCoding | None:
+    """Read the coding of a file; None if it is not a JPEG file of grey or Y, Cb, Cr.
+
+    Raises
+    ------
+    MediaError
+        If the file does not exist, or cannot be read.
+    """
+    try:
+        return parse_jpeg_coding(read_bytes(path, MAX_FILE_BYTES))
+    except OSError as e:
+        raise MediaError(f"cannot read the image {path}: {e.strerror or e}") from None
+
+
+def parse_jpeg_coding(data: bytes) -> JpegCoding | None:
+    """Read the coding of the bytes of a JPEG file; None for other files, and for colours other than
+    grey or Y, Cb, Cr.
+
+    >>> import cv2
+    >>> data = cv2.imencode(".jpg", np.zeros((16, 16, 3), np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 50])[1].tobytes()
+    >>> coding = parse_jpeg_coding(data)
+    >>> coding.tables[0][0, :4], coding.subsampling
+    (array([16., 11., 10., 16.]), (2, 2))
+    """
+    from PIL.JpegImagePlugin import JpegImageFile
+
+    if not data.startswith(b"\xff\xd8\xff"):
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damaged EXIF data
+            with JpegImageFile(io.BytesIO(data)) as image:
+                tables_by_number, components = image.quantization, image.layer
+    except (SyntaxError, ValueError, OSError):  # damaged
+        return None
+    names = bytes(name for name, *_ in components)
+    numbers = [number for *_, number in components]
+    if (
+        len(components) not in (1, 3)
+        or names == b"RGB"
+        or any(number not in tables_by_number for number in numbers)
+    ):
+        return None
+    tables = tuple(
+        np.maximum(np.array(tables_by_number[number], float).reshape(BLOCK, BLOCK), 1.0)
+        for number in numbers
+    )
+    (_, luma_x, luma_y, _), (_, chroma_x, chroma_y, _) = components[0], components[-1]
+    across, down = luma_x / max(chroma_x, 1), luma_y / max(chroma_y, 1)
+    if not (across in (1, 2, 4) and down in (1, 2, 4)):
+        return None
+    return JpegCoding(tables, (int(down), int(across)))

@@ -16,7 +16,7 @@ from av.container import InputContainer
 
 from ..base import interrupts
 from ..base.errors import MediaError
-from .exif import UPRIGHT
+from .image_metadata import UPRIGHT
 from .video_frames import (
     ChromaSiting,
     Deinterlacer,

@@ -150,6 +150,7 @@ class Encoder:
         container_options: Mapping[str, str] | None = None,
         is_live: bool = False,
     ) -> None:
+        # More than 60 lines: 23 parameters, each set once, in the order that FFmpeg requires.
         self.size, self.frames_written, self._latest_pts = size, 0, -(2**62)
         self.target, self.codec = target if isinstance(target, str) else "the stream", codec
         rate = Fraction(frame_rate).limit_denominator(1_000_000)
@@ -180,52 +181,11 @@ class Encoder:
             context.width, context.height = size
             context.thread_type = "SLICE" if is_live else "AUTO"
             context.sample_aspect_ratio = pixel_aspect
-            self.colour = (
-                ColourCoding()
-                if colour is None or codec in CODECS_WITHOUT_COLOUR_CODING
-                else colour
-            )
-            self.colour.apply_to(context)
-            if (
-                colour is not None
-                and colour.is_hdr
-                and (self.colour != colour or PixelFormat.of(self.pixel_format).bits < 10)
-            ):
-                loss = (
-                    "HDR tags are lost"
-                    if self.colour != colour
-                    else "HDR with 8 bits causes banding"
-                )
-                self.losses = ", ".join(filter(None, [self.losses, loss]))
-            if display_options is None and display not in (None, MasteringDisplay()):
-                self.losses = ", ".join(filter(None, [self.losses, DISPLAY_LOST]))
+            self._set_colour(colour, display, display_options)
             if rotation_deg:
                 self._stream.set_display_rotation(rotation_deg)
-            self._copied: dict[int, Any] = {
-                stream.index: self._audio_stream(stream) for stream in audio
-            }
-            self._start_time_s, name = start_time_s, self.container.format.name
-            self.dropped_tracks = unsupported_tracks(name, audio, subtitles, chapters)
-            """Subtitles and chapters that the container does not support, as a phrase."""
-            supported = subtitles if name in SUBTITLE_CODECS else ()
-            self._subtitles = {
-                stream.index: SubtitleTrack(self.container, stream) for stream in supported
-            }
-            self.dropped_data = dropped_data(name, data)
-            """Data tracks that the container does not support, as a phrase."""
-            self._copied |= {
-                stream.index: self._data_stream(stream)
-                for stream in data
-                if holds_data(name, stream)
-            }
-            if chapters and name in CHAPTER_FORMATS:
-                shifted = (
-                    c._replace(start_s=c.start_s + start_time_s, end_s=c.end_s + start_time_s)
-                    for c in chapters
-                )
-                self.container.set_chapters(
-                    [chapter.to_av(number) for number, chapter in enumerate(shifted, 1)]
-                )
+            self._start_time_s = start_time_s
+            self._add_tracks(audio, subtitles, data, chapters)
             content_metadata = {
                 key: text for key, text in (metadata or {}).items() if key not in CONTAINER_METADATA
             }
@@ -236,6 +196,65 @@ class Encoder:
         except BaseException:
             self.discard()
             raise
+
+    def _set_colour(
+        self,
+        colour: ColourCoding | None,
+        display: MasteringDisplay | None,
+        display_options: str | None,
+    ) -> None:
+        """Set the colour coding, and append its losses in this codec to ``losses``."""
+        self.colour = (
+            ColourCoding()
+            if colour is None or self.codec in CODECS_WITHOUT_COLOUR_CODING
+            else colour
+        )
+        self.colour.apply_to(self._stream.codec_context)
+        if (
+            colour is not None
+            and colour.is_hdr
+            and (self.colour != colour or PixelFormat.of(self.pixel_format).bits < 10)
+        ):
+            loss = (
+                "HDR tags are lost" if self.colour != colour else "HDR with 8 bits causes banding"
+            )
+            self.losses = ", ".join(filter(None, [self.losses, loss]))
+        if display_options is None and display not in (None, MasteringDisplay()):
+            self.losses = ", ".join(filter(None, [self.losses, DISPLAY_LOST]))
+
+    def _add_tracks(
+        self,
+        audio: Sequence[AudioStream],
+        subtitles: Sequence[Any],
+        data: Sequence[Any],
+        chapters: Sequence[Chapter],
+    ) -> None:
+        """Add the tracks that the container supports; note the others."""
+        self._copied: dict[int, Any] = {
+            stream.index: self._audio_stream(stream) for stream in audio
+        }
+        name = self.container.format.name
+        self.dropped_tracks = unsupported_tracks(name, audio, subtitles, chapters)
+        """Subtitles and chapters that the container does not support, as a phrase."""
+        supported = subtitles if name in SUBTITLE_CODECS else ()
+        self._subtitles = {
+            stream.index: SubtitleTrack(self.container, stream) for stream in supported
+        }
+        self.dropped_data = dropped_data(name, data)
+        """Data tracks that the container does not support, as a phrase."""
+        self._copied |= {
+            stream.index: self._data_stream(stream) for stream in data if holds_data(name, stream)
+        }
+        if chapters and name in CHAPTER_FORMATS:
+            shifted = (
+                c._replace(
+                    start_s=c.start_s + self._start_time_s, end_s=c.end_s + self._start_time_s
+                )
+                for c in chapters
+            )
+            self.container.set_chapters(
+                [chapter.to_av(number) for number, chapter in enumerate(shifted, 1)]
+            )
 
     def encode(self, frame: av.VideoFrame, is_key: bool = False) -> None:
         """Encode a frame with its time and colour coding; packed pixel formats are converted.

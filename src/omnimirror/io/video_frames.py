@@ -17,7 +17,7 @@ from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
 from ..base.errors import MediaError
-from .exif import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, UPRIGHT, oriented
+from .image_metadata import ORIENTATION_NAMES, STORED_ORIENTATION_HINT, UPRIGHT, oriented
 
 # -- Pixel formats ---------------------------------------------------------------------------------
 
@@ -232,7 +232,7 @@ def planes(frame: av.VideoFrame) -> Planes:
     views: list[NDArray[Any]] = []
     for plane in frame.planes:
         step = abs(plane.line_size) // kind.itemsize
-        rows = np.frombuffer(plane, kind)[: step * plane.height].reshape(plane.height, step)  # type: ignore[call-overload]
+        rows = np.frombuffer(plane, kind)[: step * plane.height].reshape(plane.height, step)  # type: ignore[call-overload]  # a plane is a buffer
         if plane.line_size < 0:  # stored bottom-up
             rows = rows[::-1]
         is_pairs = len(frame.planes) == 2 and bool(views)

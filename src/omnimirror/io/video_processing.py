@@ -15,7 +15,8 @@ import av
 
 from ..base import interrupts
 from ..base.errors import MediaError
-from .progress import FrameProgress, ProgressMeter
+from ..base.logs import OnProgress
+from .progress import ProgressMeter
 from .video_frames import Image, Planes, as_frame, image_of_frame, planar, planes, workable
 from .video_reader import Item
 from .video_writer import Sink
@@ -60,7 +61,7 @@ def process(
     sink: Sink,
     function: FrameFunction,
     pixels: FrameInput = "image",
-    on_progress: Callable[[FrameProgress], None] | None = None,
+    on_progress: OnProgress | None = None,
     total: int | None = None,
     queue_size: int = 4,
 ) -> ProcessingResult:
@@ -88,9 +89,9 @@ def process(
         depth and chroma subsampling of the source and its colour coding, as for
         :func:`omnimirror.dewarp.video_files.dewarp_frame`.
     on_progress
-        Called a few times per second, and at the end.
+        Callback of the number of frames and ``total``, a few times per second and at the end.
     total
-        Expected number of frames, for the remaining time.
+        Expected number of frames.
     queue_size
         Maximum number of frames queued between two threads. 0 reads in the thread of the caller:
         for live sources, which have their own thread and whose frames must not wait.

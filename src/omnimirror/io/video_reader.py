@@ -18,7 +18,7 @@ from av.video.stream import VideoStream
 
 from ..base.errors import InvalidParameter, MediaError
 from ..base.files import check_file
-from .exif import TRANSPOSING_ORIENTATIONS, UPRIGHT
+from .image_metadata import TRANSPOSING_ORIENTATIONS, UPRIGHT
 from .image_sequences import first_number, is_sequence, numbered_files
 from .video_frames import (
     SITING_AFTER_ORIENTATION,
@@ -171,6 +171,23 @@ class VideoReader:
         ):
             frames = round(Fraction(self.start_s) * self.frame_rate)
             self.metadata["timecode"] = advance_timecode(timecode, frames, self.frame_rate)
+        self._probe_tracks()
+        origin = _origin(self._container)
+        is_clocked = any(
+            name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(",")
+        )
+        self.start_time_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
+        """Start time in the file; times of frames and packets are relative to it."""
+        self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
+        self.total_duration_s = _duration(self._container, stream)
+        if self.total_duration_s is not None and self.start_s >= self.total_duration_s:
+            raise InvalidParameter(
+                f"start_s must be less than the duration of {self.path}, "
+                f"{self.total_duration_s:.6g} s; got {self.start_s:g}"
+            )
+
+    def _probe_tracks(self) -> None:
+        """Select the tracks other than the video, and the chapters between start and end."""
         self.audio_streams: tuple[AudioStream, ...] = (
             tuple(self._container.streams.audio) if self.with_audio else ()
         )
@@ -179,8 +196,7 @@ class VideoReader:
         data = data_streams(self._container) if self.with_audio else ()
         self.data_streams = tuple(s for s in data if any(holds_data(name, s) for name in DATA_OF))
         """Data streams, such as telemetry, whose packets are returned with those of the audio."""
-        origin = _origin(self._container)
-        start = origin + Fraction(self.start_s).limit_denominator(1_000_000)
+        start = _origin(self._container) + Fraction(self.start_s).limit_denominator(1_000_000)
         length = (
             None
             if self.duration_s is None
@@ -189,20 +205,8 @@ class VideoReader:
         self.chapters = chapters_between(
             self._container, start, None if length is None else start + length
         )
-        is_clocked = any(
-            name in ARBITRARY_ORIGIN_FORMATS for name in self._container.format.name.split(",")
-        )
-        self.start_time_s = Fraction(0) if self.start_s > 0 or is_clocked else origin
-        """Start time in the file; times of frames and packets are relative to it."""
         if self.with_audio and (dropped := " and ".join(dropped_tracks(self._container))):
             self.notes.append(f"{self.path}: dropped {dropped}")
-        self._first_s = max(0.0, (first.time or 0.0) - float(_origin(self._container)))
-        self.total_duration_s = _duration(self._container, stream)
-        if self.total_duration_s is not None and self.start_s >= self.total_duration_s:
-            raise InvalidParameter(
-                f"start_s must be less than the duration of {self.path}, "
-                f"{self.total_duration_s:.6g} s; got {self.start_s:g}"
-            )
 
     @property
     def expected_frames(self) -> int | None:

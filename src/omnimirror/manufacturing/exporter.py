@@ -217,6 +217,7 @@ def export(
     >>> [(file.path.name, file.deviation_um) for file in files]
     [('paper-spherical-sag.csv', 0.05), ('paper-spherical.zmx', 0.0)]
     """
+    # More than 60 lines: 17 parameters to check and pass on; the steps are functions.
     check_sensor(sensor)
     if isinstance(formats, str) or not (formats is None or isinstance(formats, Iterable)):
         raise InvalidType(

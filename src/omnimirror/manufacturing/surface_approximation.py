@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..base.errors import InvalidParameter
 from ..base.typing import Array
 from ..optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ..optics.mirrors.conics_and_aspheres import Conic, conic_profile, conic_reach
+from ..optics.mirrors.mirror import Conic, conic_profile, conic_reach
 
 EXACT_UM = 1e-6
 """Deviations below this value are rounding errors; the representation counts as exact, um."""

@@ -12,8 +12,8 @@ from ..base.arguments import check_fields, file_name, format_value, validate_arg
 from ..base.errors import InvalidParameter, SpecError
 from ..base.files import parse_toml, read_text
 from ..base.parameters import Parameter
+from ..base.toml_validation import SourceLocator, check_entries, did_you_mean
 from ..optics.thermal import DENSITIES_G_PER_CM3
-from ..optics.toml_validation import SourceLocator, check_entries, did_you_mean
 
 FORMAT = 1
 T = TypeVar("T")

@@ -13,16 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import finite, format_value, instance, numbers, positions, vectors
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter, NotOneToOne, OmnimirrorError
-from ..base.notebook_card import Line, card, field_range, line_drawing, origin
 from ..base.parameters import Uncertainty
+from ..base.results import Line, card, field_range, line_drawing, origin
 from ..base.typing import Array
-from ..cameras.camera import AxialSymmetry, Projection, Rays, inside_image
-from ..cameras.frames import Mount, rotate_vectors
+from ..cameras.camera import AxialSymmetry, Mount, Projection, Rays, inside_image, rotate_vectors
 from .housing import Housing
 from .image_sensor import ImagePlane, Imager, ImagerPose
 from .lenses import GaussianLens, Lens, Perspective
 from .mirrors import Mirror, Secondary
-from .mirrors.as_built import MirrorForm, MirrorPose
+from .mirrors.mirror import MirrorForm, MirrorPose
 from .thermal import Thermal
 from .tracing.meridian import ROUNDING, ChiefRays, Cover, Meridian
 from .tracing.obscuration import (

@@ -24,17 +24,7 @@ from ..base.errors import OmnimirrorError, SpecError
 from ..base.escaping import line_comment
 from ..base.files import parse_toml, read_text, write_text
 from ..base.parameters import Uncertainty
-from ..cameras.frames import Mount
-from ..cameras.models import CAMERAS, CalibratedCamera, RadialModel, load_ocam, parse_ocam
-from .housing import SHELLS, CameraBody, Housing, Rim, Rod
-from .image_sensor import Imager, ImagerPose
-from .lenses import LENSES, Lens
-from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
-from .mirrors.as_built import MirrorForm, MirrorPose
-from .sensor import Sensor, check_sensor
-from .thermal import Thermal
-from .toml_validation import (
-    MountTable,
+from ..base.toml_validation import (
     SourceLocator,
     Table,
     check_entries,
@@ -44,6 +34,15 @@ from .toml_validation import (
     table_model,
     validated,
 )
+from ..cameras.camera import CameraLooks, Mount
+from ..cameras.models import CAMERAS, CalibratedCamera, RadialModel, load_ocam, parse_ocam
+from .housing import SHELLS, CameraBody, Housing, Rim, Rod
+from .image_sensor import Imager, ImagerPose
+from .lenses import LENSES, Lens
+from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
+from .mirrors.mirror import MirrorForm, MirrorPose
+from .sensor import Sensor, check_sensor
+from .thermal import Thermal
 
 __all__ = [
     "HOUSING_PARTS",
@@ -315,6 +314,20 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
     """
     check_sensor(sensor)
     write_text(file_name("path", path), format_sensor(sensor))
+
+
+class MountTable(Table):
+    """Orientation of a sensor: optical axis, pitch and roll."""
+
+    camera_looks: CameraLooks = "up"
+    forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
+    image_flipped: bool = False
+    pitch_deg: Annotated[
+        float, Field(ge=-90, le=90, description="elevation of the forward direction")
+    ] = 0.0
+    roll_deg: Annotated[
+        float, Field(ge=-180, le=180, description="clockwise rotation about the forward direction")
+    ] = 0.0
 
 
 class SensorMountTable(MountTable):

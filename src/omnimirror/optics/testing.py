@@ -10,9 +10,9 @@ import numpy as np
 
 from ..base.arguments import instance
 from ..base.errors import OmnimirrorError
+from ..base.toml_validation import table_model
 from ..base.typing import Array
 from .mirrors import MIRRORS, Mirror
-from .toml_validation import table_model
 
 __all__ = ["MIRROR_CHECKS", "check_mirror"]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ..base.colour import Light
 from ..base.native import backend
 from ..base.typing import Array
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import rotate_vectors
 from ..optics.lenses import Lens, Orthographic, Perspective
-from ..optics.lenses.distortion import fold
+from ..optics.lenses.lens import fold
 from ..optics.mirrors import Mirror
 from ..optics.sensor import Sensor
 from ..optics.tracing.obscuration import Obstructions

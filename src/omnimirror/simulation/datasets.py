@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from ..io.keyframes import Keyframes
 from ..optics.sensor_files import AnyCamera, save_camera
 from .dataset_manifest import (
     FRAMES,
-    MANIFEST_NAME,
     CalibrationRecipe,
     Manifest,
     Recipe,
@@ -113,8 +112,14 @@ def visible_corners_px(sensor: AnyCamera, hall: Hall, pose: Pose) -> dict[str, A
 
 
 @validate_arguments
-def write_calibration_dataset(recipe: CalibrationRecipe, folder: str | Path) -> Iterator[Path]:
-    """Write images of the calibration hall one by one, and ``dataset.json``, which describes them.
+def write_calibration_dataset(
+    recipe: CalibrationRecipe,
+    folder: str | Path,
+    *,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write images of the calibration hall, and ``dataset.json``, which describes them; return the
+    number of images.
 
     An interrupted dataset is resumed when it is written again; unchanged files are kept.
 
@@ -126,11 +131,13 @@ def write_calibration_dataset(recipe: CalibrationRecipe, folder: str | Path) -> 
         Output folder for ``sensor.toml`` (the camera file), ``view-000.png``, ... and
         ``dataset.json``, which contains the recipe of the dataset and its completed files; with
         ground truth also for ``view-000.exr``, ...
+    on_progress
+        Callback with the number of finished images and the total.
 
     Returns
     -------
-    Iterator
-        Path of each image after it is written, and of ``dataset.json``.
+    int
+        Number of images.
 
     Raises
     ------
@@ -142,14 +149,14 @@ def write_calibration_dataset(recipe: CalibrationRecipe, folder: str | Path) -> 
 
     Examples
     --------
-    >>> import omnimirror as om, tempfile
+    >>> import omnimirror as om, os, tempfile
     >>> from dataclasses import replace
     >>> sensor = om.load_sensor("paper-spherical")
     >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
     >>> recipe = om.CalibrationRecipe(sensor=small, views=1, samples=1, blur=False)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     [path.name for path in om.write_calibration_dataset(recipe, folder)]
-    ['view-000.png', 'dataset.json']
+    ...     om.write_calibration_dataset(recipe, folder), sorted(os.listdir(folder))
+    (1, ['dataset.json', 'sensor.toml', 'view-000.png'])
     """
     folder = Path(folder)
     sensor, hall, radiometry, seed = recipe.sensor, recipe.hall, recipe.radiometry, recipe.seed
@@ -164,38 +171,43 @@ def write_calibration_dataset(recipe: CalibrationRecipe, folder: str | Path) -> 
             },
         },
     )
+    names = [f"view-{number:03d}" for number in range(len(poses))]
+    files = [[f"{name}.png"] + [f"{name}.exr"] * recipe.truth for name in names]
     records = {
         view["image"]: view
         for view in manifest.entries.get("views", [])
         if manifest.has(view["image"])
     }
-    with _closing_on_error(manifest):
-        for number, pose in enumerate(poses):
-            name = f"view-{number:03d}"
-            files = [f"{name}.png"] + [f"{name}.exr"] * recipe.truth
-            if not (files[0] in records and manifest.has(*files)):
-                scene = PosedScene(hall, pose)
-                light = expose(
-                    sensor,
-                    scene,
-                    samples=recipe.samples,
-                    blur=bool(recipe.blur),
-                    radiometry=radiometry,
-                    seed=seed + number,
-                )
-                if recipe.truth:
-                    write_truth(folder / files[1], sensor, scene, light, radiometry)
-                write_image(folder / files[0], recipe.detector.read(light, seed + number))
-                corners = _corner_lists(visible_corners_px(sensor, hall, pose))
-                record = {"image": files[0], "pose": asdict(pose), "corners_px": corners}
-                records[files[0]] = record | ({"truth": files[1]} if recipe.truth else {})
-                manifest.entries["views"] = [
-                    records[name] for name in sorted(records, key=lambda n: (len(n), n))
-                ]
-                manifest.add(*files)
-            yield folder / files[0]
+
+    def render(number: int) -> dict[str, Any]:
+        scene = PosedScene(hall, poses[number])
+        light = expose(
+            sensor,
+            scene,
+            samples=recipe.samples,
+            blur=bool(recipe.blur),
+            radiometry=radiometry,
+            seed=seed + number,
+            on_progress=_raise_if_stopping,
+        )
+        image, *truth = files[number]
+        for name in truth:
+            write_truth(folder / name, sensor, scene, light, radiometry)
+        write_image(folder / image, recipe.detector.read(light, seed + number))
+        corners = _corner_lists(visible_corners_px(sensor, hall, poses[number]))
+        record = {"image": image, "pose": asdict(poses[number]), "corners_px": corners}
+        return record | ({"truth": truth[0]} if truth else {})
+
+    def add_record(record: dict[str, Any]) -> None:
+        records[record["image"]] = record
+        manifest.entries["views"] = [
+            records[name] for name in sorted(records, key=lambda n: (len(n), n))
+        ]
+
+    missing = [n for n, own in enumerate(files) if own[0] not in records or not manifest.has(*own)]
+    _write_images(manifest, files, missing, render, add_record, on_progress)
     manifest.finish(complete=True)
-    yield folder / MANIFEST_NAME
+    return len(files)
 
 
 @validate_arguments
@@ -262,34 +274,41 @@ def write_video_dataset(
     )
     if manifest.is_complete:
         return len(times)
+    files = [
+        [FRAME_PATTERN % number] + [f"frame-{number:05d}.exr"] * truth
+        for number in range(len(times))
+    ]
     completed = 0
 
-    def expose_frame(number: int, image: str, exr: str) -> None:
+    def render(number: int) -> None:
         time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
         current_scene = with_bodies(world, recipe.bodies, time)
         light = frame_at(
-            sensor, current_scene, path, time, recipe.samples, bool(recipe.blur), radiometry, seed
+            sensor,
+            current_scene,
+            path,
+            time,
+            recipe.samples,
+            bool(recipe.blur),
+            radiometry,
+            seed,
+            on_progress=_raise_if_stopping,
         )
-        if truth:
-            write_truth(
-                manifest.folder / exr,
-                sensor,
-                PosedScene(current_scene, Pose(**path.at(time))),
-                light,
-                radiometry,
-            )
-        write_image(manifest.folder / image, recipe.detector.read(light, seed))
-        manifest.add(image, *([exr] if truth else []))
+        image, *truth_names = files[number]
+        for name in truth_names:
+            posed_scene = PosedScene(current_scene, Pose(**path.at(time)))
+            write_truth(folder / name, sensor, posed_scene, light, radiometry)
+        write_image(folder / image, recipe.detector.read(light, seed))
 
+    def count(done: int, total: int) -> None:
+        nonlocal completed
+        completed = done
+        if on_progress is not None:
+            on_progress(done, total)
+
+    missing = [number for number, names in enumerate(files) if not manifest.has(*names)]
     try:
-        with _closing_on_error(manifest):
-            for number in range(len(times)):
-                image, exr = FRAME_PATTERN % number, f"frame-{number:05d}.exr"
-                if not manifest.has(image, *([exr] if truth else [])):
-                    expose_frame(number, image, exr)
-                completed = number + 1
-                if on_progress is not None:
-                    on_progress(completed, len(times))
+        _write_images(manifest, files, missing, render, lambda _: None, count)
     except KeyboardInterrupt:
         if completed:
             _write_video_files(manifest, sensor, path, times[:completed], recipe.frame_rate)
@@ -344,15 +363,53 @@ def _open_manifest(folder: Path, recipe: Recipe, header: dict[str, Any]) -> Mani
     return manifest
 
 
-@contextmanager
-def _closing_on_error(manifest: Manifest) -> Iterator[None]:
-    """Record completed files in dataset.json in all cases, and remove a dataset without completed
-    files.
+T = TypeVar("T")
+
+
+def _write_images(
+    manifest: Manifest,
+    files: Sequence[Sequence[str]],
+    missing: Sequence[int],
+    render: Callable[[int], T],
+    on_image: Callable[[T], None],
+    on_progress: Callable[[int, int], None] | None,
+) -> None:
+    """Write the missing images of a dataset and record them in their order.
+
+    An image is a block of :func:`omnimirror.base.block_runner.run_blocks`. After an error, files
+    of unrecorded images are removed, and a dataset without recorded images entirely.
+
+    Parameters
+    ----------
+    manifest
+        Manifest of the dataset.
+    files
+        Names of the files of each image.
+    missing
+        Numbers of the missing images.
+    render
+        Function that writes the files of an image by number.
+    on_image
+        Callback with the result of ``render``, before the image is recorded.
+    on_progress
+        Callback with the number of finished images and the total.
     """
     manifest.is_complete = False
+    blocks = (Job(f"image {n}", partial(render, n), n) for n in missing)
+    unrecorded = set(missing)
     try:
-        yield
+        with closing(_in_order(blocks, 1)) as rendered:
+            for number, names in enumerate(files):
+                if number in unrecorded:
+                    on_image(next(rendered)[1])
+                    manifest.add(*names)
+                    unrecorded.remove(number)
+                if on_progress is not None:
+                    on_progress(number + 1, len(files))
     except BaseException:
+        for number in unrecorded:
+            for name in files[number]:
+                (manifest.folder / name).unlink(missing_ok=True)
         manifest.end(["sensor.toml"])
         raise
 

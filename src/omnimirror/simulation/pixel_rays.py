@@ -13,8 +13,7 @@ from ..base.arguments import integer
 from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
-from ..cameras.camera import Camera, Projection, inside_image
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import Camera, Projection, inside_image, rotate_vectors
 from ..optics.housing import FlatWindow, Shell
 from ..optics.sensor import Sensor
 from ..optics.tracing.shell_transmission import ShellTransit, transmit_from_inside

@@ -19,8 +19,7 @@ from ..base.arguments import finite, instance, integer, validate_arguments
 from ..base.colour import Light, SrgbImage, srgb_bytes
 from ..base.errors import InvalidParameter
 from ..base.native import backend
-from ..cameras.camera import Camera
-from ..cameras.frames import rotate_vectors
+from ..cameras.camera import Camera, rotate_vectors
 from ..optics.image_sensor import Imager
 from ..optics.sensor import Sensor
 from ._compiled_rendering import compiled_light, is_for_kernels, native_optics
@@ -160,6 +159,7 @@ def render_light(
     """Return the converted light, (rows, columns, 3); parameters as in
     :func:`expose`.
     """
+    # More than 60 lines: 11 parameters, and a choice between three renderers.
     instance("camera", camera, Camera, "a camera, for example from om.load_sensor")
     instance("scene", scene, Scene, "a scene, for example om.Room()")
     _check_size(camera)
@@ -507,7 +507,7 @@ def render_pinhole_image(scene: Scene, directions: ArrayLike, samples: int = 1) 
 
     Examples
     --------
-    >>> from omnimirror.cameras.frames import pan_tilt_direction
+    >>> from omnimirror.cameras.camera import pan_tilt_direction
     >>> from omnimirror import Room
     >>> pan, tilt = np.meshgrid(np.radians(np.arange(-60, 60, 2)), np.radians(np.arange(30, -30, -2)))
     >>> render_pinhole_image(Room(texel_mm=40.0), pan_tilt_direction(pan, tilt)).shape

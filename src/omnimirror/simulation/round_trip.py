@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.meridional_imaging import best_viewpoint, viewpoint_angle_error
+from ..analysis.focus import best_viewpoint, viewpoint_angle_error
 from ..base.arguments import validate_arguments
 from ..base.colour import srgb_from_linear
 from ..base.errors import OutsideField

@@ -145,6 +145,7 @@ def write_video(
     detector: Detector | None = None,
     seed: int = 0,
     on_frame: Callable[[VideoFrame, int], None] | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write the video of a camera along a path and return its number of frames.
 
@@ -177,6 +178,8 @@ def write_video(
         Random seed.
     on_frame
         Callback with each frame after it is written, and the total number.
+    on_progress
+        Callback of the number of written frames and the total number.
 
     Returns
     -------
@@ -216,6 +219,8 @@ def write_video(
             yield detector.read(light, seed + i)
             if on_frame is not None:
                 on_frame(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))
+            if on_progress is not None:
+                on_progress(i + 1, len(times))
 
     encode(output, camera.image_size, frame_rate, images())
     return len(times)

@@ -28,7 +28,7 @@ def line(figure, gid):
 )
 def test_spot_figure_matches_rays(focuses):
     result = om.spots(SPH, [0.0, 90.0, 135.0], focus_mm=focuses)
-    figure = spot_matrix(result, 1.1)
+    figure = spot_matrix(result)
     assert len(figure.axes) == 3 * len(focuses)
     t, s = line(figure, "spot:1:0")
     assert np.ptp(t) == pytest.approx(result.extent_px()[0][1, 0])

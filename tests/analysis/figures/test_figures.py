@@ -234,11 +234,14 @@ def test_drawing_preserves_matplotlib_state():
 def test_save_all_writes_returned_files(tmp_path):
     progress = []
     files = save_all(
-        SENSORS[:1], tmp_path / "new", names=["fig6", "fig5"], on_progress=progress.append
+        SENSORS[:1],
+        tmp_path / "new",
+        names=["fig6", "fig5"],
+        on_progress=lambda *n: progress.append(n),
     )
     assert [f.name for f in files] == ["fig6.svg", "fig6.png", "fig5.svg", "fig5.png"]
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == sorted(f.name for f in files)
-    assert progress == ["fig6", "fig5"]
+    assert progress == [(1, 2), (2, 2)]
 
 
 def test_save_all_validates_before_writing(tmp_path):

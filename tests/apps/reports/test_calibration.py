@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.reports.calibration import (
-    calibration_figures,
-    calibration_html,
-    direction_sigmas,
-)
+from omnimirror.apps.plot import direction_sigmas
+from omnimirror.apps.reports.calibration import calibration_figures, calibration_html
 
 BOARD = om.Board("chessboard", 11, 7, 30.0)
 TRUTH = om.Unified(

@@ -97,6 +97,7 @@ def test_unwritable_folder_prints_one_line(tmp_path):
 
 @pytest.mark.full
 def test_obscuration_and_progress_are_reported(tmp_path, monkeypatch):
+    from omnimirror.base.logs import forward_steps
     from omnimirror.optics.housing import CameraBody, Housing
 
     monkeypatch.setattr(report, "FIGURES_SHOWN", report.FIGURES_SHOWN[3:])
@@ -105,17 +106,19 @@ def test_obscuration_and_progress_are_reported(tmp_path, monkeypatch):
         sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2)
     )
     progress_calls = []
-    page = write_demo(
-        replace(small, housing=Housing(CameraBody(60.0))),
-        tmp_path,
-        blur=False,
-        on_progress=lambda *arguments: progress_calls.append(arguments),
-    )
-    shares = [share for _, share in progress_calls]
+    steps = []
+    with forward_steps(steps.append):
+        page = write_demo(
+            replace(small, housing=Housing(CameraBody(60.0))),
+            tmp_path,
+            blur=False,
+            on_progress=lambda *arguments: progress_calls.append(arguments),
+        )
+    shares = [done / total for done, total in progress_calls]
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert 0.8 < shares[-1] < 1
-    assert {message for message, _ in progress_calls} == {"Rendering the image", "Drawing figures"}
+    assert set(steps) == {"Rendering the image", "Drawing figures"}
     assert (
         "<dt>Obscured</dt><dd>camera 0 to 8.435 deg; total 0.71 % of the image</dd>"
         in page.read_text()

@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.apps.studio import _standalone_page, standalone_page
 from omnimirror.apps.studio._look_cameras import Cameras
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.io import read_image, write_image
 from tests.commands import fails
 

@@ -4,6 +4,7 @@ worker processes."""
 from __future__ import annotations
 
 import json
+import logging
 import threading
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
@@ -22,7 +23,7 @@ from omnimirror.apps.studio.app import create_app
 from omnimirror.design.requirement_files import parse_requirements
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors import MIRRORS
-from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorForm, MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, format_sensor, parse_sensor, tables_of
 from tests.test_extensions import Quartic
 
@@ -647,7 +648,8 @@ def test_progress_is_reported(client, monkeypatch):
     is_started, is_released = threading.Event(), threading.Event()
 
     def slowly(sensor, folder, on_progress):
-        on_progress("Rendering the image", 0.25)
+        logging.getLogger("omnimirror.apps.reports").info("Rendering the image")
+        on_progress(25, 100)
         is_started.set()
         assert is_released.wait(60)
         (path := Path(folder) / "report.html").write_text("made")

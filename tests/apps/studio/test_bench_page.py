@@ -15,7 +15,7 @@ from omnimirror.apps.studio import _look_routes
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio._uploads import encoded
 from omnimirror.optics.mirrors import SlopeSpline
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import parse_sensor, save_sensor
 
 from .browser import COARSE, TIMEOUT_MS, serving

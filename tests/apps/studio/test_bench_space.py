@@ -18,11 +18,11 @@ from omnimirror.apps.studio._bench_evaluation import (
 from omnimirror.apps.studio._bench_sensors import aligned_sensor
 from omnimirror.apps.studio._http_messages import unframed
 from omnimirror.apps.studio.bench_messages import DesignRequest, DesignResponse
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 SPHERE = om.load_sensor("paper-spherical")
 SENSORS = {

@@ -16,7 +16,7 @@ from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.bench_messages import AsBuiltResult
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
-from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
+from omnimirror.manufacturing.tolerancing.tolerances import error_sources, perturbed
 from omnimirror.optics.housing import Dome, Housing
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 

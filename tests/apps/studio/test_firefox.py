@@ -38,8 +38,8 @@ def page(tmp_path_factory):
 def test_views_match_command_line(page, server, tmp_path, mode, name):
     sensor = om.load_sensor("paper-spherical")
     write_image(tmp_path / name, pattern(sensor.image_size))
-    page.go("about:blank")  # a change of the fragment alone does not load the page
-    page.go(f"{server}#sensor=paper-spherical&mode={mode}&pan=40&tilt=10&hfov=70")
+    page.open("about:blank")  # a change of the fragment alone does not load the page
+    page.open(f"{server}#sensor=paper-spherical&mode={mode}&pan=40&tilt=10&hfov=70")
     page.wait(f"{VIEW}.sensor.camera")
     page.choose("#file", tmp_path / name)
     page.wait(f"{VIEW}.feed?.name === {name!r}")
@@ -51,12 +51,12 @@ def test_views_match_command_line(page, server, tmp_path, mode, name):
 
 
 def test_slider_updates_plots(page, server):
-    page.go("about:blank")
-    page.go(f"{server}#tab=design")
+    page.open("about:blank")
+    page.open(f"{server}#tab=design")
     page.wait(f"{BENCH}.evaluations[0].summary")
     before = page.evaluate(f"{BENCH}.evaluations[0].summary.field_deg[1]")
-    page.press('#design input[type="range"]')
-    page.press('#design input[type="number"]')
+    page.click('#design input[type="range"]')
+    page.click('#design input[type="number"]')
     focused = "document.activeElement.matches('#design input[type=number]')"
     page.wait(focused)
     page.keys("\ue009a\ue000", "45", "\ue007")  # Control and a, a number, Enter
@@ -74,8 +74,8 @@ def test_slider_updates_plots(page, server):
 
 
 def test_calibrate_tab_opens(page, server):
-    page.go("about:blank")
-    page.go(f"{server}#tab=calibrate")
+    page.open("about:blank")
+    page.open(f"{server}#tab=calibrate")
     page.wait("document.querySelector('#calibrate .desk')")
     assert page.evaluate("document.querySelector('#banner').hidden")
 
@@ -85,12 +85,12 @@ def test_page_without_server_displays_views_and_designs(page, tmp_path):
         patch.setattr(_standalone_page, "SHOWN_SAMPLES", 1)
         patch.setattr(_standalone_page, "Room", lambda: om.Room(texel_mm=40.0))
         (tmp_path / "look.html").write_text(standalone_page(["paper-spherical"]), encoding="utf-8")
-    page.go((tmp_path / "look.html").as_uri())
+    page.open((tmp_path / "look.html").as_uri())
     page.wait(f"{VIEW}.sensor.camera")
-    page.press("#try")
+    page.click("#try")
     page.wait(f"{VIEW}.feed")
     assert (view_pixels(page, 200, 100)[..., 3] > 0).mean() > 0.5
-    page.press('#tabs button[value="design"]')
+    page.click('#tabs button[value="design"]')
     page.wait(f"{BENCH}.evaluations[0].summary")
     curve = page.evaluate(f"[...{BENCH}.evaluations[0].block('curves').column('blur_s_px')]")
     sensor = om.load_sensor("paper-spherical")

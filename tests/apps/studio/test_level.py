@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.io import write_image
 
 from .browser import command, coordinates, drop, open_page, set_state

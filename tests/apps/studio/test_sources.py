@@ -104,6 +104,6 @@ def is_close(value: str, expected: str) -> bool:
 @pytest.mark.parametrize("name", ["cameras", "views"])
 def test_reference_values_of_unit_tests_match_python(name):
     expected = json.loads((WEB / "tests" / "fixtures" / f"{name}.json").read_text())
-    assert is_equal(json.loads(FIXTURES["written"](FIXTURES[name]())), expected), (
+    assert is_equal(json.loads(FIXTURES["one_entry_per_line"](FIXTURES[name]())), expected), (
         "python web/tests/fixtures/make.py writes them anew"
     )

@@ -11,7 +11,7 @@ import omnimirror as om
 from omnimirror.apps.studio._camera_tables import camera_tables, continued, frame_of, lattice_of
 from omnimirror.optics.housing import Dome, Housing, Tube
 from omnimirror.optics.mirrors import SlopeSpline
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.everyday import few
 
 POSE = MirrorPose(0.7, -0.4, 0.5, 0.8, -0.5)

@@ -12,9 +12,9 @@ import pytest
 
 import omnimirror as om
 from omnimirror.calibration.formats import _scaramuzza
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.io import read_image, write_image
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import bundled_sensors, save_sensor
 from tests.commands import omnimirror
 

@@ -14,7 +14,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.estimation.observation_checks import coverage, recommendations
 from omnimirror.calibration.estimation.observations import Observation
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models.camera_model import direction_covariance
 
 from .cases import BOARD, NOISE_PX, SIZE, TRUTH, detections, directions
@@ -389,7 +389,7 @@ def test_cancellation_keeps_partial_result():
     calibration = calibrated(
         detections(),
         should_stop=lambda: len(calls) > 2,
-        on_progress=lambda stage, share: calls.append(share),
+        on_progress=lambda done, total: calls.append(done / total),
     )
     assert not calibration.is_complete
     assert calibration.rms_px < 1.0

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 import omnimirror as om
 from omnimirror.calibration.estimation.observations import rotation_of
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 from .cases import BOARD, NOISE_PX
 

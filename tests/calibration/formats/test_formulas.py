@@ -15,7 +15,7 @@ import omnimirror as om
 from omnimirror.base.errors import SpecError
 from omnimirror.calibration.formats import ReadOptions, _colmap, read_cameras
 from omnimirror.calibration.formats._camera_format import CameraFile
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import (
     DoubleSphere,
     EnhancedUnified,

@@ -10,7 +10,7 @@ from benchmarks.mirror_composites import environments
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.rim import PRESETS, CameraImage
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 
 
 @cache

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorWarning, SpecError
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import parse_ocam
 
 SAMPLE = Path(__file__).parents[4] / "shared/data/ocamcalib_cpp_sample"

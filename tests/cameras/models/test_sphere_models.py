@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import DoubleSphere, EnhancedUnified, Unified
 
 # -- Unified sphere and related models, against the equations of their papers and of OpenCV, written out here

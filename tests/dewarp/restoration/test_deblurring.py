@@ -19,7 +19,7 @@ import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.dewarp.restoration.deblurring import Restorer
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.street import Street
 from tests.everyday import few
@@ -392,6 +392,41 @@ def test_removed_blur_does_not_exceed_actual_blur(
         assert restorer.decide(image, 0.01).fraction < 0.3
 
 
+@pytest.mark.parametrize(
+    ("stops", "noise"),
+    [
+        (None, 0.01),
+        (None, 0.004),
+        pytest.param(2, 0.004, marks=pytest.mark.full),
+        pytest.param(3, 0.01, marks=pytest.mark.full),
+    ],
+)
+def test_blur_is_not_removed_from_sharper_image_with_few_isolated_edges(
+    shared_data: Path, stops: int | None, noise: float
+):
+    """Restoration with the blur of the sensor file would lose up to 20 dB."""
+    sensor = with_fewer_pixels(om.load_sensor("paper-spherical"), 240, 1.0)
+    restorer, scene = Restorer(sensor), SCENES["windows"](shared_data)
+    image = _noisy(_rendered(sensor, scene, stops), noise, seed=12)
+    gains_db = _tenths(restorer, _rendered(sensor, scene, None), image, restorer(image, noise))
+    assert gains_db.min() > -0.3
+
+
+def _noisy(light, noise: float, seed: int):
+    values = srgb_from_linear(light)
+    values = values + noise * np.random.default_rng(seed).standard_normal(values.shape)
+    return np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("saturated", [0.0015, pytest.param(0.005, marks=pytest.mark.full)])
+def test_lamps_do_not_contradict_correct_blur(shared_data: Path, saturated: float):
+    """Lamps of up to ten times the light of white leave residuals for every blur."""
+    photograph = shared_data / "environments" / "st_fagans_interior_1k.hdr"
+    sensor = with_fewer_pixels(om.load_sensor("paper-spherical"), 240, 0.8)
+    image = _noisy(_rendered(sensor, load_environment(photograph, saturated), 0), 0.01, seed=13)
+    assert Restorer(sensor).decide(image, 0.01).fraction > 0.6
+
+
 def _disk(diameter_px: float):
     """Return the kernel of a disc, supersampled, of unit sum."""
     axis_px = (np.arange(15 * 8) - 59.5) / 8
@@ -402,7 +437,12 @@ def _disk(diameter_px: float):
 
 @pytest.mark.parametrize(
     ("actual", "specified"),
-    few([(0.0, 2.0), (0.0, 2.5), (0.0, 3.0), (1.5, 3.0), (3.0, 3.0)], (0.0, 2.0), (1.5, 3.0)),
+    few(
+        [(0.0, 1.0), (0.0, 1.5), (0.0, 2.0), (0.0, 2.5), (0.0, 3.0), (1.5, 3.0), (3.0, 3.0)],
+        (0.0, 1.0),
+        (0.0, 2.0),
+        (1.5, 3.0),
+    ),
 )
 def test_uniform_blur_that_is_specified_too_large_does_no_harm(
     shared_data: Path, actual: float, specified: float

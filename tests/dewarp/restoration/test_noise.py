@@ -9,7 +9,7 @@ import omnimirror as om
 from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
 from omnimirror.base.errors import InvalidParameter, MediaError
 from omnimirror.dewarp.restoration.noise import detected_coding, standard_tables
-from omnimirror.io.jpeg import parse_jpeg_coding, read_jpeg_coding
+from omnimirror.io.images import parse_jpeg_coding, read_jpeg_coding
 from omnimirror.simulation.scenes.calibration_hall import Hall
 
 

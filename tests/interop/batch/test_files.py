@@ -16,6 +16,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.interop.batch import manifest as manifest_module
+from omnimirror.interop.batch.blocks import balanced
 from omnimirror.interop.batch.job import parse_job
 from tests.commands import fails, omnimirror
 from tests.interop.batch.archives import (
@@ -175,6 +176,20 @@ def test_parts_are_disjoint_and_complete(tmp_path):
     ]
     assert done == [4, 10, 14]
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("workers", [1, 2, 16])
+def test_blocks_decrease_so_that_workers_end_together(tmp_path, workers):
+    write_archive(tmp_path, 100)
+    planned, _, _ = om.batch.plan(job_of(tmp_path)).blocks()
+    blocks = list(balanced(planned, workers))
+    items = [item for block in blocks for item in block.items]
+    assert items == [item for block in planned for item in block.items]
+    assert [block.number for block in blocks] == list(range(len(blocks)))
+    assert len(blocks) >= workers
+    sizes = [len(block.items) for block in blocks]
+    assert max(sizes) <= min(32, 100 // workers)
+    assert sizes[-1] <= 4
 
 
 def test_incomplete_line_of_a_killed_process_is_ignored(tmp_path):
@@ -341,24 +356,43 @@ def test_command(tmp_path):
     )
 
 
-def test_interrupted_command_continues(tmp_path):
-    write_archive(tmp_path, 400)
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("number", "scheduler", "code"),
+    [
+        (signal.SIGINT, "threads", 130),
+        (signal.SIGINT, "processes", 130),
+        (signal.SIGTERM, "processes", 143),
+        (signal.SIGKILL, "processes", -signal.SIGKILL),
+    ],
+)
+def test_interrupted_command_continues(tmp_path, number, scheduler, code):
+    count = 200
+    write_archive(tmp_path, count)
     text = f"[inputs]\nfiles = ['raw']\n[output]\nurl = \"out\"\n{SENSOR}{VIEWS}"
     (tmp_path / "job.toml").write_text(text + "[execution]\nper_block = 4\n")
     program = Path(sys.executable).with_name("omnimirror")
-    arguments = [program, "batch", "run", "job.toml", "--scheduler", "threads"]
+    arguments = [program, "batch", "run", "job.toml", "--scheduler", scheduler]
     run = subprocess.Popen(arguments, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 120
     while len(list(tmp_path.glob("out/*.png"))) < 20 and run.poll() is None:
         assert time.monotonic() < end
         time.sleep(0.01)
-    run.send_signal(signal.SIGINT)
+    run.send_signal(number)
     _, error = run.communicate(timeout=120)
-    assert run.returncode == 130
-    assert "stopped; repeat the command to continue" in error
+    assert run.returncode == code
+    assert ("stopped; repeat the command to continue" in error) == (code > 0)
+    assert "Traceback" not in error
     job = tmp_path / "job.toml"
-    assert 20 <= om.batch.status(job).done < 800
-    assert om.batch.run(job, scheduler="threads").done == 800
+    before = om.batch.status(job).done
+    assert 20 <= before < 2 * count
+    stamps = {path: path.stat().st_mtime_ns for path in tmp_path.glob("out/*.png")}
+    again = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert f"{2 * count} of {2 * count} outputs done" in again.stdout + again.stderr
+    unchanged = sum(path.stat().st_mtime_ns == stamp for path, stamp in stamps.items())
+    assert unchanged >= before
+    om.batch.run(job_of(tmp_path, output='url = "whole"'), scheduler="threads")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 def test_core_loads_no_package_of_the_extra():

@@ -132,20 +132,23 @@ def test_zarr_time_series(tmp_path):
     assert isinstance(names["data"], xarray.Dataset)
 
 
-def test_training_dataset(tmp_path):
+@pytest.mark.parametrize(
+    ("count", "per_shard"), [(10, 4), pytest.param(20_000, 100, marks=pytest.mark.full)]
+)
+def test_training_dataset(tmp_path, count, per_shard):
     small = om.Unified(xi=0.9, focal_px=(6.0, 6.0), centre_px=(7.5, 7.5), image_size=(16, 16))
     om.save_camera(small, tmp_path / "camera.toml")
-    (tmp_path / "walk.csv").write_text("time_s,x_mm\n0,0\n0.36,300\n")
-    reduced = ["--set", "output.per_shard=4", "--set", "render.samples=1"]
+    (tmp_path / "walk.csv").write_text(f"time_s,x_mm\n0,0\n{(count - 1) / 25},300\n")
+    reduced = ["--set", f"output.per_shard={per_shard}", "--set", "render.samples=1"]
     first, second = scenario(tmp_path, "train.toml")
     execute([*first, *reduced, "--set", "render.texel_mm=40.0"], tmp_path)
     printed = execute([*second, *reduced, "--set", "render.texel_mm=40.0"], tmp_path)
-    assert "10 of 10 outputs done" in printed
+    assert f"{count} of {count} outputs done" in printed
     keys = []
     for path in sorted((tmp_path / "dataset").glob("*.tar")):
         with tarfile.open(path) as tar:
             keys += [member.name for member in tar if member.name.endswith(".png")]
-    assert keys == [f"room/{number:06d}.png" for number in range(10)]
+    assert keys == [f"room/{number:06d}.png" for number in range(count)]
 
 
 def test_ray_recipe(tmp_path):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.rendering import expose
 from tests.interop.ray_tables.box import Box, first_hits
 from tests.simulation.test_mitsuba_images import MISALIGNED, compare_images, grey_levels, small

@@ -10,7 +10,7 @@ import pytest
 import omnimirror as om
 from omnimirror.interop.ray_tables import interpolation_error_deg
 from omnimirror.optics.housing import CameraBody, Housing, Tube
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import sensor_of
 
 MISALIGNED = MirrorPose(1.0, -0.7, 0.5, 1.0, -1.5)

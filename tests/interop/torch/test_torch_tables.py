@@ -10,8 +10,11 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
 from omnimirror.base.native import backend
-from omnimirror.calibration.projection_derivatives import profile_derivatives
-from omnimirror.calibration.sensor_parameters import parameter_location, shape_names
+from omnimirror.calibration.sensor_parameters import (
+    parameter_location,
+    profile_derivatives,
+    shape_names,
+)
 from omnimirror.interop.torch import _factory, _library, differentiable
 from omnimirror.interop.torch._reflection import TOLERANCE
 from omnimirror.interop.torch._tables import shape_derivative_table
@@ -205,7 +208,7 @@ def test_non_finite_targets_are_not_settled(kernels):
 def test_missing_pytorch_raises_with_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.setattr(_factory, "torch", type(_library.torch)())
-    with pytest.raises(OmnimirrorError, match=r"require PyTorch.*pip install '\.\[torch\]'"):
+    with pytest.raises(OmnimirrorError, match=r"requires PyTorch.*pip install '\.\[torch\]'"):
         differentiable(om.load_sensor("paper-spherical"))
 
 

@@ -21,7 +21,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.interop.view_maps import MAP_FORMATS
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.apps.studio.browser import FLAGS
 from tests.interop.view_maps.consumers import (
     by_micropython,

@@ -9,12 +9,12 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OutsideField
-from omnimirror.cameras.frames import Mount
+from omnimirror.cameras.camera import Mount
 from omnimirror.dewarp.screens import parts_of
-from omnimirror.dewarp.viewpoints import centre_of_projection
+from omnimirror.dewarp.view_geometry import centre_of_projection
 from omnimirror.interop.view_maps import _inverse_mapping
 from omnimirror.interop.view_maps._inverse_mapping import intersect_screen, view_pixels
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.everyday import few
 
 SENSOR = om.load_sensor("paper-spherical")

@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.base.polynomials import qbfs_values
+from omnimirror.base.numerics import qbfs_values
 from omnimirror.manufacturing.metrology.forbes import ForbesAsphere, forbes_asphere
 from omnimirror.optics.mirrors import Cone, EvenPolynomial, Sphere
 from tests.commands import omnimirror

@@ -55,7 +55,7 @@ def test_asymmetric_terms_are_written_on_request(tmp_path):
     """
     from dataclasses import replace
 
-    from omnimirror.optics.mirrors.as_built import MirrorForm, MirrorPose
+    from omnimirror.optics.mirrors.mirror import MirrorForm, MirrorPose
 
     nominal = om.load_sensor("paper-hyperboloidal")
     truth = replace(nominal, mirror_form=MirrorForm((6, 9), (10.0, 4.0)))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, OmnimirrorError
-from omnimirror.base.polynomials import noll, zernike_values
+from omnimirror.base.numerics import noll, zernike_values
 from omnimirror.optics.mirrors import Cone, EvenPolynomial, Hyperboloid, Sphere
 from tests.everyday import few
 

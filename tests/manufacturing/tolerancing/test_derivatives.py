@@ -11,11 +11,11 @@ import pytest
 from scipy.special import eval_jacobi
 
 import omnimirror as om
-from omnimirror.base.polynomials import zernike_terms
+from omnimirror.base.numerics import zernike_terms
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, POSE, after, merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
-from omnimirror.manufacturing.tolerancing.perturbation import error_sources
 from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
+from omnimirror.manufacturing.tolerancing.tolerances import error_sources
 from omnimirror.optics.mirrors import EvenPolynomial
 
 NODES = np.arange(7.0)

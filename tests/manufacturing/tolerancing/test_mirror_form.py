@@ -7,12 +7,12 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SpecError
-from omnimirror.base.polynomials import noll
+from omnimirror.base.numerics import noll
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.mirror_form import RandomFigure, load_measured_form
 from omnimirror.manufacturing.tolerancing.tolerance_file import load_tolerances, parse_tolerances
-from omnimirror.optics.mirrors.as_built import MirrorForm
+from omnimirror.optics.mirrors.mirror import MirrorForm
 
 SENSOR = om.load_sensor("paper-spherical")
 RIM = SENSOR.mirror.rim_radius_mm

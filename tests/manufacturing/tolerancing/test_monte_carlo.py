@@ -24,10 +24,9 @@ from omnimirror.manufacturing.tolerancing.monte_carlo import (
     satisfies_limit,
     simulate_trials,
 )
-from omnimirror.manufacturing.tolerancing.perturbation import perturbed
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
-from omnimirror.manufacturing.tolerancing.tolerances import BLOCK, DISTRIBUTIONS, drawn
+from omnimirror.manufacturing.tolerancing.tolerances import BLOCK, DISTRIBUTIONS, drawn, perturbed
 
 SHIFTS = ("imager.shift_x_px", "imager.shift_y_px")
 

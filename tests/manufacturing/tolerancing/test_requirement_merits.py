@@ -13,10 +13,7 @@ from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.quantities import QUANTITIES
 from omnimirror.design.limits import LIMITABLE
 from omnimirror.design.merits import OF_THE_WHOLE, values_of_evaluation
-from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
-from omnimirror.manufacturing.tolerancing.object_field import directions_of, field_of
-from omnimirror.manufacturing.tolerancing.perturbation import perturbed
-from omnimirror.manufacturing.tolerancing.requirement_merits import MeritName, named
+from omnimirror.manufacturing.tolerancing.evaluator import MeritName, TrialEvaluator, named
 from omnimirror.manufacturing.tolerancing.requirement_values import (
     LINE_POINTS,
     lines_over,
@@ -27,6 +24,8 @@ from omnimirror.manufacturing.tolerancing.requirement_values import (
 )
 from omnimirror.manufacturing.tolerancing.sensitivity import merit_rates
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
+from omnimirror.manufacturing.tolerancing.tolerances import perturbed
+from omnimirror.manufacturing.tolerancing.trial_images import directions_of, field_of
 from omnimirror.optics.housing import Dome, Housing, Rod
 from tests.everyday import few
 

@@ -9,13 +9,12 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter, SelfObstruction
 from omnimirror.manufacturing.tolerancing.compensation import merit_names
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
-from omnimirror.manufacturing.tolerancing.object_field import field_of, sequential_images
-from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
 from omnimirror.manufacturing.tolerancing.perturbed_states import is_vectorised
-from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS
+from omnimirror.manufacturing.tolerancing.tolerances import error_sources, perturbed
+from omnimirror.manufacturing.tolerancing.trial_images import REFOCUS, field_of, sequential_images
 from omnimirror.optics.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.optics.image_sensor import ImagerPose
-from omnimirror.optics.mirrors.as_built import MirrorForm
+from omnimirror.optics.mirrors.mirror import MirrorForm
 from omnimirror.optics.tracing.reflection import RayEndpoints
 
 SPH = om.load_sensor("paper-spherical")

@@ -17,13 +17,17 @@ from omnimirror.manufacturing.tolerancing.compensation import (
     merit_names,
 )
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator, evaluate_compiled
-from omnimirror.manufacturing.tolerancing.object_field import field_of
-from omnimirror.manufacturing.tolerancing.perturbation import error_sources, perturbed
 from omnimirror.manufacturing.tolerancing.perturbed_states import states_of
 from omnimirror.manufacturing.tolerancing.sensitivity import sensitivities
-from omnimirror.manufacturing.tolerancing.tolerances import Tolerance, Tolerances
+from omnimirror.manufacturing.tolerancing.tolerances import (
+    Tolerance,
+    Tolerances,
+    error_sources,
+    perturbed,
+)
 from omnimirror.manufacturing.tolerancing.trial_images import (
     REFOCUS,
+    field_of,
     largest_diameter,
     trace_objects,
 )

@@ -15,8 +15,8 @@ from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
 from omnimirror.dewarp import Dewarper, screens
-from omnimirror.optics.lenses import distortion
-from omnimirror.optics.lenses.distortion import (
+from omnimirror.optics.lenses import lens
+from omnimirror.optics.lenses.lens import (
     distorted,
     distorted_radius,
     distorted_rates,
@@ -25,7 +25,7 @@ from omnimirror.optics.lenses.distortion import (
     undistorted,
     undistorted_radius,
 )
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor, parse_sensor
 from omnimirror.simulation import rendering as rays
 from omnimirror.simulation.pixel_rays import sampling_plan
@@ -70,7 +70,7 @@ def test_distortion_matches_opencv(terms, monkeypatch):
     np.testing.assert_allclose(undistorted(image, brown).reshape(-1, 2), ideal, atol=1e-12)
     np.testing.assert_array_equal(distorted(ideal.reshape(20, 25, 2), brown).shape, image.shape)
     np.testing.assert_array_equal(undistorted(np.zeros((1, 2)), brown), [[0.0, 0.0]])
-    monkeypatch.setattr(distortion, "MAX_STEPS", 5)  # the convergence is quadratic
+    monkeypatch.setattr(lens, "MAX_STEPS", 5)  # the convergence is quadratic
     np.testing.assert_allclose(undistorted(expected, brown), ideal, atol=1e-12)
 
 
@@ -310,6 +310,6 @@ def test_fold_is_the_first_maximum():
     ],
 )
 def test_radii_are_inverted_within_a_number_of_steps(k, steps, monkeypatch):
-    monkeypatch.setattr(distortion, "MAX_STEPS", steps)
+    monkeypatch.setattr(lens, "MAX_STEPS", steps)
     r = np.linspace(0.0, 0.95 * min(fold(k), 3.0), 300)
     np.testing.assert_allclose(undistorted_radius(distorted_radius(r, k)[0], k), r, rtol=1e-9)

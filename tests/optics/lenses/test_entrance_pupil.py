@@ -14,7 +14,7 @@ import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.lenses import Perspective
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor
 from omnimirror.simulation.pixel_rays import sampling_plan
 from omnimirror.simulation.radiometry import Radiometry

@@ -13,7 +13,7 @@ from omnimirror.optics.lenses import SurfaceLens
 from omnimirror.optics.lenses._sequential_tracing import Sequence
 from omnimirror.optics.materials import Glass, glass_named, read_agf
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.sensor_files import format_sensor
 from omnimirror.simulation.pixel_rays import sampling_plan
 from omnimirror.simulation.radiometry import Radiometry

@@ -20,7 +20,7 @@ from omnimirror.dewarp._source_coordinates import source_pixels
 from omnimirror.optics.housing import Dome, FlatWindow, Housing, Tube
 from omnimirror.optics.materials import MATERIALS
 from omnimirror.optics.mirrors import SlopeSpline
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.tracing import optical_train as covered_mirror
 from omnimirror.optics.tracing.reflection import RayEndpoints
 from omnimirror.optics.tracing.shell_transmission import shell_exit_compiled, shell_exit_numpy

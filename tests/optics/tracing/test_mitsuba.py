@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.conftest import MIRRORS, sensor_of
 
 MISALIGNED = MirrorPose(1.5, -0.8, 0.6, 1.2, -2.0)

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.everyday import few
 
 SPH = om.load_sensor("paper-spherical")

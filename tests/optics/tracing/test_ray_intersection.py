@@ -16,7 +16,7 @@ from omnimirror.optics.mirrors import (
     Paraboloid,
     Sphere,
 )
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.optics.tracing import _ray_intersection
 from omnimirror.optics.tracing.meridian import Meridian
 from tests.conftest import MIRRORS, M

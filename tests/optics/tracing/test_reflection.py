@@ -8,7 +8,7 @@ import pytest
 
 from omnimirror.base.native import backend
 from omnimirror.optics.mirrors import EvenPolynomial, Sphere
-from omnimirror.optics.mirrors.as_built import NO_FORM
+from omnimirror.optics.mirrors.mirror import NO_FORM
 from omnimirror.optics.tracing import reflection
 from omnimirror.optics.tracing.reflection import (
     MIN_PAIRS,

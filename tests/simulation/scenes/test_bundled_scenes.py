@@ -12,9 +12,8 @@ from omnimirror.base.native import backend
 from omnimirror.simulation.rendering import render_pinhole_image
 from omnimirror.simulation.scenes.calibration_hall import Hall
 from omnimirror.simulation.scenes.environment import Environment
-from omnimirror.simulation.scenes.scene import Scene
+from omnimirror.simulation.scenes.scene import Scene, facets
 from omnimirror.simulation.scenes.street import Street
-from omnimirror.simulation.scenes.surfaces import facets
 from tests.everyday import few
 
 needs_native = pytest.mark.skipif(not backend.is_compiled, reason="requires the compiled module")

@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
-from omnimirror.cameras.frames import pan_tilt_direction
+from omnimirror.cameras.camera import pan_tilt_direction
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.simulation.ground_truth_maps import ground_truth
 from omnimirror.simulation.rendering import expose

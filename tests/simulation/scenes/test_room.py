@@ -12,8 +12,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.simulation.rendering import render_pinhole_image
 from omnimirror.simulation.scenes._painting import lettering
 from omnimirror.simulation.scenes.room import PIECES, ROOM
-from omnimirror.simulation.scenes.scene import DistantScene, Scene
-from omnimirror.simulation.scenes.surfaces import are_blocked
+from omnimirror.simulation.scenes.scene import DistantScene, Scene, are_blocked
 
 WORDS = ("OMNIMIRROR", "GARDEN", "LIBRARY", "EXIT")
 

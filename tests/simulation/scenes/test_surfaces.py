@@ -12,9 +12,9 @@ import pytest
 
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.base.native import backend
-from omnimirror.cameras.frames import pan_tilt_direction
+from omnimirror.cameras.camera import pan_tilt_direction
 from omnimirror.simulation.scenes.environment import Environment
-from omnimirror.simulation.scenes.surfaces import (
+from omnimirror.simulation.scenes.scene import (
     FACES,
     Box,
     Surfaces,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
+from ...base.logs import OnProgress
 from ...optics.sensor import Sensor
 from . import curves, image_plane, sensor_diagrams
 from .image_plane import image_and_views
 from .sensor_comparison import image_sheet, side_by_side, table_sheet
 from .style import FORMATS, STYLES, render, save_figure, styled
 from .subjects import EXACT, PAPER, Conditions, Subject, subjects_of
+
+LOGGER = logging.getLogger(__name__)
 
 __all__ = [
     "EXACT",
@@ -202,7 +206,7 @@ def save_all(
     formats: Sequence[str] = ("svg", "png"),
     names: Iterable[str] | None = None,
     conditions: Conditions = EXACT,
-    on_progress: Callable[[str], None] | None = None,
+    on_progress: OnProgress | None = None,
     style: str = "paper",
 ) -> list[Path]:
     """Draw figures and write each in every format, as ``out_dir/fig5.svg`` and so on.
@@ -212,7 +216,7 @@ def save_all(
     names
         Names of figures; by default all of them.
     on_progress
-        Callback with the name of each figure, called before it is drawn.
+        Callback of the number of drawn figures and their total number.
     style
         Style as in :func:`draw`.
 
@@ -238,9 +242,10 @@ def save_all(
                 f"the {noun} must be one of {', '.join(valid)}; got {unknown[0]!r}"
             )
     files = []
-    for name in selected:
-        if on_progress is not None:
-            on_progress(name)
+    for number, name in enumerate(selected, 1):
+        LOGGER.info("%s", name)
         figure = draw(name, sensors, conditions, style=style)
         files += [save_figure(figure, Path(out_dir) / f"{name}.{kind}") for kind in formats]
+        if on_progress is not None:
+            on_progress(number, len(selected))
     return files

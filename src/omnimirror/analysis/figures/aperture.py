@@ -24,8 +24,8 @@ from .style import (
     EndLabels,
     angle_axis,
     axis_title,
-    grid_of_axes,
     new_figure,
+    panels,
     styled,
     text_size,
 )
@@ -35,17 +35,20 @@ MAX_GRID_PX = 12  # px to each side; the lines of a larger pixel grid would merg
 DARKEST_SHADE = 1e-4  # relative to the peak, the darkest shade of a PSF
 
 
-def spot_matrix(spots: Spots, airy_px: float) -> Figure:
+def spot_matrix(spots: Spots, axes: Sequence[Axes] | None = None) -> Figure:
     """Draw spots at one scale with pixel grid and Airy disc, by field angle and focus."""
     objects, focuses, _ = spots.t_px.shape
+    sensor = spots.bundles.sensor
+    airy_px = sensor.lens.airy_diameter() / sensor.imager.pitch_mm
     cells = [(i, j) for i in range(objects) for j in range(focuses)]
     columns = focuses if focuses > 1 else min(objects, 5)
     rows = -(-len(cells) // columns)
     half = max(1.15 * _half_extent(spots), 0.8 * airy_px, 1.0)
     with styled():
         side = min(1.25, (PAGE - 0.5) / columns)
-        figure = new_figure(max(COLUMN, side * columns + 0.5), (side + 0.2) * rows + 0.5)
-        for ax, (i, j) in zip(grid_of_axes(figure, rows, columns, len(cells)), cells, strict=True):
+        size = max(COLUMN, side * columns + 0.5), (side + 0.2) * rows + 0.5
+        figure, cell_axes = panels(size, (rows, columns), len(cells), axes)
+        for ax, (i, j) in zip(cell_axes, cells, strict=True):
             _pixel_grid(ax, half)
             _spot(ax, spots, i, j, airy_px)
             ax.set(xlim=(-half, half), ylim=(half, -half), aspect="equal", xticks=[], yticks=[])
@@ -61,9 +64,10 @@ def spot_matrix(spots: Spots, airy_px: float) -> Figure:
             if focuses > 1 and i == objects - 1:
                 ax.set_xlabel(f"L$_0$ = {spots.focus_mm[j]:.5g} mm")
         grid = "squares are pixels, " if half <= MAX_GRID_PX else f"side {2 * half:.3g} px, "
-        figure.supxlabel(
-            f"tangential → right; {grid}circle: Airy disc", fontsize=text_size(6), color=GREY
-        )
+        if axes is None:
+            figure.supxlabel(
+                f"tangential → right; {grid}circle: Airy disc", fontsize=text_size(6), color=GREY
+            )
     return figure
 
 
@@ -95,11 +99,10 @@ def _pixel_grid(ax: Axes, half: float) -> None:
             ax.axvline(line, color="#EEEEEE", linewidth=0.5, zorder=0)
 
 
-def mtf_curves(mtf: Mtf) -> Figure:
+def mtf_curves(mtf: Mtf, axes: Sequence[Axes] | None = None) -> Figure:
     """Draw tangential (solid) and sagittal (dashed) MTF with the Nyquist frequency."""
     with styled():
-        figure = new_figure(0.75 * PAGE, 3.0)
-        ax = figure.subplots()
+        figure, (ax,) = panels((0.75 * PAGE, 3.0), (1, 1), 1, axes)
         for i, (omega, colour) in enumerate(
             zip(mtf.omega_deg, _shades(len(mtf.omega_deg)), strict=True)
         ):
@@ -171,17 +174,16 @@ def encircled_energy(psfs: Sequence[Psf]) -> Figure:
         return labels.settle()
 
 
-def psf_images(psfs: Sequence[Psf]) -> Figure:
+def psf_images(psfs: Sequence[Psf], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw PSFs at a common length scale, with logarithmic intensity."""
     columns = min(len(psfs), 5)
     rows = -(-len(psfs) // columns)
     with styled():
         side = min(1.9, (PAGE - 0.3) / columns)
-        figure = new_figure(max(COLUMN, side * columns + 0.5), (side + 0.3) * rows)
+        size = max(COLUMN, side * columns + 0.5), (side + 0.3) * rows
+        figure, psf_axes = panels(size, (rows, columns), len(psfs), axes)
         half = max(float(p.offset_px[-1]) for p in psfs)
-        for i, (ax, p) in enumerate(
-            zip(grid_of_axes(figure, rows, columns, len(psfs)), psfs, strict=True)
-        ):
+        for i, (ax, p) in enumerate(zip(psf_axes, psfs, strict=True)):
             edge = float(p.offset_px[-1]) * (1 + 1 / (len(p.offset_px) - 1))
             peak = float(p.density.max())
             ax.set_facecolor("black")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...base.escaping import escape_invisible, plot_text
 from ...base.typing import Array
-from .style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, grid_of_axes, new_figure, styled
+from .style import COLUMN, GREY, INK, PAGE, PALE, PALETTE, grid_of_axes, new_figure, panels, styled
 
 __all__ = [
     "coverage_map",
@@ -31,7 +31,12 @@ BINS = 12
 MAX_LABELS = 30  # labelled images
 
 
-def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int]) -> Figure:
+def residual_vectors(
+    pixels: Array,
+    residuals: Array,
+    image_size: tuple[int, int],
+    axes: Sequence[Axes] | None = None,
+) -> Figure:
     """Draw magnified arrows from observed corners to their predicted positions.
 
     Parameters
@@ -44,12 +49,11 @@ def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int
         Width and height of the image.
     """
     width, height = image_size
-    figure = new_figure(PAGE, PAGE * height / width + 0.3)
-    axes = figure.subplots()
+    figure, (ax,) = panels((PAGE, PAGE * height / width + 0.3), (1, 1), 1, axes)
     lengths = np.hypot(*residuals.T)
     median = float(np.median(lengths)) or 1.0
     factor = RELATIVE_ARROW_LENGTH * width / median
-    axes.quiver(
+    ax.quiver(
         *pixels.T,
         *(residuals * factor).T,
         angles="xy",
@@ -61,23 +65,25 @@ def residual_vectors(pixels: Array, residuals: Array, image_size: tuple[int, int
         headlength=4,
     )
     u, v = 0.02 * width, 0.97 * height
-    axes.plot([u, u + RELATIVE_ARROW_LENGTH * width], [v, v], color=INK, linewidth=1.5)
-    axes.text(u + 1.3 * RELATIVE_ARROW_LENGTH * width, v, f"{median:.2g} px", va="center")
-    axes.set(
+    ax.plot([u, u + RELATIVE_ARROW_LENGTH * width], [v, v], color=INK, linewidth=1.5)
+    ax.text(u + 1.3 * RELATIVE_ARROW_LENGTH * width, v, f"{median:.2g} px", va="center")
+    ax.set(
         xlim=(-0.5, width - 0.5),
         ylim=(height - 0.5, -0.5),
         aspect="equal",
         xlabel="u (px)",
         ylabel="v (px)",
     )
-    axes.set_title(f"Residuals, enlarged {factor:.0f} times")
-    axes.grid(visible=False)
+    ax.set_title(f"Residuals, enlarged {factor:.0f} times")
+    ax.grid(visible=False)
     for side in ("top", "right"):
-        axes.spines[side].set_visible(True)
+        ax.spines[side].set_visible(True)
     return figure
 
 
-def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
+def residuals_by_radius(
+    radii: Array, radial: Array, across: Array, axes: Sequence[Axes] | None = None
+) -> Figure:
     """Draw radial and tangential residuals against the radius; a trend indicates a model error.
 
     Parameters
@@ -87,14 +93,12 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
     radial, across : (n,)
         Residuals, px.
     """
-    figure = new_figure(PAGE, 0.75 * COLUMN)
+    figure, both = panels((PAGE, 0.75 * COLUMN), (1, 2), 2, axes, sharey=True)
     limit = 1.05 * float(np.percentile(np.abs([radial, across]), 99.5))
     edges = np.quantile(radii, np.linspace(0, 1, BINS + 1))
     cell = np.clip(np.searchsorted(edges, radii, side="right") - 1, 0, BINS - 1)
-    for axes, values, title in zip(
-        figure.subplots(1, 2, sharey=True), (radial, across), ("Radial", "Tangential"), strict=True
-    ):
-        axes.plot(radii, values, ".", markersize=1.5, color=PALE, rasterized=True)
+    for ax, values, title in zip(both, (radial, across), ("Radial", "Tangential"), strict=True):
+        ax.plot(radii, values, ".", markersize=1.5, color=PALE, rasterized=True)
         middles, means, spreads = [], [], []
         for i in range(BINS):
             inside = values[cell == i]
@@ -102,16 +106,19 @@ def residuals_by_radius(radii: Array, radial: Array, across: Array) -> Figure:
                 middles.append(float(radii[cell == i].mean()))
                 means.append(float(inside.mean()))
                 spreads.append(float(inside.std() / np.sqrt(len(inside))))
-        axes.errorbar(
-            middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0]
-        )
-        axes.axhline(0.0, color=INK, linewidth=0.5)
-        axes.set(xlabel="radius (px)", title=title, ylim=(-limit, limit))
-    figure.axes[0].set_ylabel("residual (px)")
+        ax.errorbar(middles, means, spreads, fmt="o", markersize=3, linewidth=0.8, color=PALETTE[0])
+        ax.axhline(0.0, color=INK, linewidth=0.5)
+        ax.set(xlabel="radius (px)", title=title, ylim=(-limit, limit))
+    both[0].set_ylabel("residual (px)")
     return figure
 
 
-def residuals_by_image(names: Sequence[str], fit_px: Array, held_out_px: Array) -> Figure:
+def residuals_by_image(
+    names: Sequence[str],
+    fit_px: Array,
+    held_out_px: Array,
+    axes: Sequence[Axes] | None = None,
+) -> Figure:
     """Draw the RMS residual of each image, in the fit and in cross-validation.
 
     Parameters
@@ -122,28 +129,29 @@ def residuals_by_image(names: Sequence[str], fit_px: Array, held_out_px: Array) 
         RMS residuals, px; NaN without a value.
     """
     count = len(names)
-    figure = new_figure(PAGE, 0.7 * COLUMN)
-    axes = figure.subplots()
+    figure, (ax,) = panels((PAGE, 0.7 * COLUMN), (1, 1), 1, axes)
     positions = np.arange(count)
-    axes.bar(positions, np.nan_to_num(fit_px), width=0.7, color=PALE, label="fit")
+    ax.bar(positions, np.nan_to_num(fit_px), width=0.7, color=PALE, label="fit")
     if np.isfinite(held_out_px).any():
-        axes.plot(positions, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="held out")
+        ax.plot(positions, held_out_px, "o", markersize=3.5, color=PALETTE[1], label="held out")
     step = max(1, count // MAX_LABELS)
-    axes.set_xticks(
+    ax.set_xticks(
         positions[::step],
         [_short(n) for n in names][::step],
         rotation=60,
         ha="right",
         rotation_mode="anchor",
     )
-    axes.set(ylabel="RMS (px)", title="Residuals by image", xlim=(-0.6, count - 0.4))
-    axes.grid(visible=False, axis="x")
-    axes.legend(frameon=False, loc="upper left", ncols=2)
-    axes.set_ylim(0, 1.25 * max(float(np.nanmax(fit_px)), float(np.nanmax([*held_out_px, 0.0]))))
+    ax.set(ylabel="RMS (px)", title="Residuals by image", xlim=(-0.6, count - 0.4))
+    ax.grid(visible=False, axis="x")
+    ax.legend(frameon=False, loc="upper left", ncols=2)
+    ax.set_ylim(0, 1.25 * max(float(np.nanmax(fit_px)), float(np.nanmax([*held_out_px, 0.0]))))
     return figure
 
 
-def residual_histograms(residuals: Array, noise_px: float) -> Figure:
+def residual_histograms(
+    residuals: Array, noise_px: float, axes: Sequence[Axes] | None = None
+) -> Figure:
     """Draw histograms of the residuals in both directions, with a normal distribution.
 
     Parameters
@@ -153,7 +161,7 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
     noise_px
         Standard deviation of a coordinate.
     """
-    figure = new_figure(PAGE, 0.65 * COLUMN)
+    figure, both = panels((PAGE, 0.65 * COLUMN), (1, 2), 2, axes, sharey=True)
     limit = 4.5 * noise_px
     edges = np.linspace(-limit, limit, 46)
     x = np.linspace(-limit, limit, 200)
@@ -163,22 +171,20 @@ def residual_histograms(residuals: Array, noise_px: float) -> Figure:
         * len(residuals)
         * (edges[1] - edges[0])
     )
-    for axes, values, name in zip(
-        figure.subplots(1, 2, sharey=True), residuals.T, "uv", strict=True
-    ):
-        axes.hist(np.clip(values, -limit, limit), edges, color=PALE)
-        axes.plot(x, normal, color=PALETTE[0])
-        axes.set(xlabel=f"residual in {name} (px)", xlim=(-limit, limit))
-        axes.text(
+    for ax, values, name in zip(both, residuals.T, "uv", strict=True):
+        ax.hist(np.clip(values, -limit, limit), edges.tolist(), color=PALE)
+        ax.plot(x, normal, color=PALETTE[0])
+        ax.set(xlabel=f"residual in {name} (px)", xlim=(-limit, limit))
+        ax.text(
             0.98,
             0.95,
             f"mean {values.mean():+.3f} px",
-            transform=axes.transAxes,
+            transform=ax.transAxes,
             ha="right",
             va="top",
             color=GREY,
         )
-    figure.axes[0].set_ylabel("corners")
+    both[0].set_ylabel("corners")
     return figure
 
 
@@ -197,6 +203,7 @@ def coverage_map(
     centre_px: tuple[float, float],
     radii_px: Array,
     sigma_deg: Array | None = None,
+    axes: Sequence[Axes] | None = None,
 ) -> Figure:
     """Draw the corners of all boards and the counting rings over the direction uncertainty.
 
@@ -214,10 +221,9 @@ def coverage_map(
         Standard deviation of directions on a grid over the image; NaN outside the field of view.
     """
     width, height = image_size
-    figure = new_figure(PAGE, 0.86 * PAGE * height / width + 0.3)
-    axes = figure.subplots()
+    figure, (ax,) = panels((PAGE, 0.86 * PAGE * height / width + 0.3), (1, 1), 1, axes)
     if sigma_deg is not None and np.isfinite(sigma_deg).any():
-        image = axes.imshow(
+        image = ax.imshow(
             sigma_deg,
             extent=(-0.5, width - 0.5, height - 0.5, -0.5),
             cmap="Greys",
@@ -226,37 +232,35 @@ def coverage_map(
             interpolation="bilinear",
             alpha=0.7,
         )
-        figure.colorbar(
-            image, ax=axes, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01
-        )
+        figure.colorbar(image, ax=ax, label="direction error, 1 sigma (deg)", shrink=0.7, pad=0.01)
     for i, corners in enumerate(boards):
         colour = PALETTE[i % len(PALETTE)]
-        axes.plot(*corners.T, ".", markersize=1.5, color=colour)
+        ax.plot(*corners.T, ".", markersize=1.5, color=colour)
         if len(corners) > 2:
-            axes.add_patch(
+            ax.add_patch(
                 Polygon(_hull(corners), closed=True, fill=False, edgecolor=colour, linewidth=0.6)
             )
     angle = np.linspace(0, 2 * np.pi, 181)
     for radius in radii_px[1:]:
-        axes.plot(
+        ax.plot(
             centre_px[0] + radius * np.cos(angle),
             centre_px[1] + radius * np.sin(angle),
             color=GREY,
             linewidth=0.5,
             linestyle=":",
         )
-    axes.plot(*centre_px, "+", color=INK)
-    axes.set(
+    ax.plot(*centre_px, "+", color=INK)
+    ax.set(
         xlim=(-0.5, width - 0.5),
         ylim=(height - 0.5, -0.5),
         aspect="equal",
         xlabel="u (px)",
         ylabel="v (px)",
     )
-    axes.set_title("Detected corners")
-    axes.grid(visible=False)
+    ax.set_title("Detected corners")
+    ax.grid(visible=False)
     for side in ("top", "right"):
-        axes.spines[side].set_visible(True)
+        ax.spines[side].set_visible(True)
     return figure
 
 

@@ -16,7 +16,7 @@ from ...optics.lenses import Lens, Orthographic, Perspective
 from ...optics.mirrors import Sphere
 from ...optics.sensor import Sensor
 from ...optics.tracing.meridian import Meridian
-from ..meridional_imaging import best_viewpoint
+from ..focus import best_viewpoint
 from .style import (
     COLUMN,
     GREY,
@@ -50,6 +50,11 @@ SINGLE_VIEWPOINT_PX = (
 def mapping(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
     """Draw Fig. 5: image height and its derivative."""
     return _column_panels(subjects, axes, "h_px", "dh_domega_px_per_deg")
+
+
+def image_height(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
+    """Draw the image height, the first panel of Fig. 5."""
+    return _column_panels(subjects, axes, "h_px")
 
 
 def viewpoints(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
@@ -151,6 +156,17 @@ def blur(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Fig
         angle_axis(panel_axes[i], widest(subjects))
         obscured_bands(panel_axes[i], subjects)
         panel_axes[i].set_xlabel("" if i < 2 else panel_axes[i].get_xlabel())
+    return labels.settle()
+
+
+def blur_in_pixels(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) -> Figure:
+    """Draw the blur in pixels, the first panel of Fig. 9."""
+    figure, (ax,) = panels((COLUMN, 2.5), (1, 1), 1, axes)
+    labels = EndLabels(figure, follows_layout=axes is None)
+    _blur_panel(ax, subjects, "px", labels)
+    panel_title(ax, 0, f"Blur in the image{subjects[0].objects}", 1)
+    angle_axis(ax, widest(subjects))
+    obscured_bands(ax, subjects)
     return labels.settle()
 
 

@@ -13,7 +13,7 @@ from matplotlib.patches import Annulus, Circle, Ellipse, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from ...base.typing import Array
-from ...cameras.frames import camera_direction
+from ...cameras.camera import camera_direction
 from .style import (
     COLUMN,
     GREY,

@@ -109,6 +109,18 @@ def ray_traces(subjects: Sequence[Subject], axes: Sequence[Axes] | None = None) 
     return labels.settle()
 
 
+def cross_section(subject: Subject, axes: Sequence[Axes] | None = None) -> Figure:
+    """Draw the cross-section of a sensor, the first panel of Fig. 4."""
+    window = _overview_window([subject])
+    figure, (ax,) = panels((COLUMN, (COLUMN - 0.9) * window.shape + 0.6), (1, 1), 1, axes)
+    labels = EndLabels(figure, size=text_size(6), follows_layout=axes is None)
+    window.apply(ax, subject.rim_mm)
+    _draw_overview(ax, subject, labels)
+    panel_title(ax, 0, subject.name, 1)
+    ax.set(xlabel="x (mm)", ylabel="z (mm)")
+    return labels.settle()
+
+
 def _overview_window(subjects: Sequence[Subject]) -> PanelLimits:
     bottom = min(_lowest(s) / s.rim_mm for s in subjects) - 0.3
     tops = [_highest(s) / s.rim_mm for s in subjects]

@@ -1,7 +1,7 @@
 """Common style of all figures: sizes, colours, axes, labels and output.
 
-Figures are created with :class:`matplotlib.figure.Figure` directly instead of pyplot; therefore no
-global state is changed, and a server may draw in any thread.
+Figures are created with :class:`matplotlib.figure.Figure` directly; therefore no global state is
+changed, and a server may draw in any thread. Only :mod:`omnimirror.apps.plot` uses pyplot.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -246,8 +247,25 @@ FORMATS = {"svg": 72, "png": STYLE["savefig.dpi"], "pdf": 72}
 """Output formats with the resolution, in dpi, of text measurements."""
 
 
+_uses_pyplot: ContextVar[bool] = ContextVar("_uses_pyplot", default=False)
+
+
+@contextmanager
+def pyplot_figures() -> Iterator[None]:
+    """Register new figures with pyplot, for ``plt.show()`` and display in notebooks."""
+    token = _uses_pyplot.set(True)
+    try:
+        yield
+    finally:
+        _uses_pyplot.reset(token)
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure, inches, with a layout that keeps labels within its bounds."""
+    if _uses_pyplot.get():
+        from matplotlib import pyplot
+
+        return pyplot.figure(figsize=(width, height), layout="constrained")
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)  # its renderer persists with all measured texts
     return figure

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InvalidParameter
-from ...cameras.frames import CameraLooks, Mount
+from ...cameras.camera import CameraLooks, Mount
 from ...cameras.models import MirrorBall
 from ...cameras.models.camera_model import Optics
-from ...io.exif import UPRIGHT, applied
+from ...io.image_metadata import UPRIGHT, applied
 from ...io.images import orientation_of, read_image_and_metadata
 from ._declarations import (
     SENSOR,

@@ -189,7 +189,7 @@ def _setting_value(kind: type[Options], f: Field[Any], value: Any) -> Any:
             space = " " if e.message.startswith("must") else ": "
             raise InvalidParameter(f"{key}{space}{e.message.rstrip('.')}") from None
     # mypy considers the hash of the instances, not that of the class
-    hint = type_hints(kind)[f.name]  # type: ignore[arg-type]
+    hint = type_hints(kind)[f.name]  # type: ignore[arg-type]  # see above
     if parts := [part for part in get_args(hint) if part is not type(None)]:
         hint = reduce(or_, parts) if len(parts) < len(get_args(hint)) else hint
     try:
@@ -311,7 +311,7 @@ class SetOption(GroupedOption):
 
     def unknown(self, ctx: click.Context, names: list[str]) -> click.BadParameter:
         """Return the exception for an unknown entry, with a suggestion."""
-        from ...optics.toml_validation import did_you_mean
+        from ...base.toml_validation import did_you_mean
 
         key = ".".join(names)
         entries = [*sorted(self.settings), *(self.tables or ())]

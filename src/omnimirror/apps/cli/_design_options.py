@@ -11,23 +11,22 @@ from typing import Any
 import click
 
 from ...base.arguments import format_value, parse_float
+from ...base.toml_validation import SourceLocator, merge_tables
 from ...design.catalogue import TYPICAL
 from ...design.designer import SearchOptions
 from ...design.merits import DESIGN_MERITS
 from ...design.mirror_construction import FAMILIES
 from ...design.optimiser import Progress
-from ...design.ranges import Range
 from ...design.requirement_files import (
     PIXELS,
     load_requirements,
     requirements_of,
     tables_like,
 )
-from ...design.requirements import PAPER_IMAGER, WAYS, Requirements
+from ...design.requirements import PAPER_IMAGER, WAYS, Range, Requirements
 from ...optics.lenses import BlurMode
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor_files import load_sensor
-from ...optics.toml_validation import SourceLocator, merge_tables
 from ._declarations import NUMBER, Options, number_or_range, option, setting
 
 SECTIONS: dict[str, tuple[str, ...]] = {
@@ -255,10 +254,10 @@ class OptimisationOptions(Options):
     population: int = setting("search", 120)
     generations: int = setting("search", 200)
 
-    def search(self, on_progress: Callable[[Progress], None]) -> SearchOptions:
+    def search(self, on_iteration: Callable[[Progress], None]) -> SearchOptions:
         """Return the settings for the optimisation of one mirror."""
         return SearchOptions(
-            self.starts, self.seed, self.resume, on_progress, self.mode, self.image_radius_px
+            self.starts, self.seed, self.resume, on_iteration, self.mode, self.image_radius_px
         )
 
 

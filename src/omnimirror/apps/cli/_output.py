@@ -7,6 +7,8 @@ from __future__ import annotations
 import os
 import re
 import sys
+import time
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,10 +30,11 @@ from rich.text import Text
 
 from ...base.escaping import terminal_text
 from ...base.files import is_same_file, is_standard_output
+from ...base.logs import OnProgress
 from ...base.quantities import QUANTITIES
-from ...io.progress import FrameProgress
 from ._process_state import QUIET
 
+RATE_AVERAGING_S = 5.0
 FIGURES = ("png", "svg", "pdf")
 IMAGE_FORMATS = ("png", "jpg", "tif", "webp", "bmp", "hdr", "exr")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -264,12 +267,22 @@ def print_notice(message: object) -> None:
 
 
 @contextmanager
-def frame_rate_bar() -> Iterator[Callable[[FrameProgress], None]]:
+def frame_rate_bar() -> Iterator[OnProgress]:
     """Show a progress bar of frames and frame rate on terminals, and yield its update function."""
-    rate = TextColumn("{task.fields[rate]:.0f} frames/s")
-    with _counting_bar("Dewarping", MofNCompleteColumn(), rate) as bar:
+    column = TextColumn("{task.fields[rate]:.0f} frames/s")
+    with _counting_bar("Dewarping", MofNCompleteColumn(), column) as bar:
         task = bar.add_task("", total=None, rate=0.0)
-        yield lambda p: bar.update(task, completed=p.done, total=p.total, rate=p.rate)
+        recent = deque([(time.monotonic(), 0)])
+
+        def update(done: int, total: int | None) -> None:
+            recent.append((time.monotonic(), done))
+            while len(recent) > 2 and recent[-1][0] - recent[0][0] > RATE_AVERAGING_S:
+                recent.popleft()
+            (start, first), (end, last) = recent[0], recent[-1]
+            rate = (last - first) / max(end - start, 1e-9)
+            bar.update(task, completed=done, total=total, rate=rate)
+
+        yield update
 
 
 @contextmanager

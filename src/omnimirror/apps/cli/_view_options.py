@@ -16,7 +16,7 @@ from ...dewarp import views
 from ...dewarp.interfaces import INTERPOLATIONS, Interpolation
 from ...dewarp.request import BorderColour, without_tilt
 from ...dewarp.screens import Layout, Pole, Rows, Shape
-from ...dewarp.viewpoints import Viewpoint
+from ...dewarp.view_geometry import Viewpoint
 from ...dewarp.views import PartialSize
 from ._declarations import (
     IntegerRange,

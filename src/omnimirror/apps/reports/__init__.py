@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from string import Template
@@ -15,6 +16,7 @@ from ...analysis.focus import best_focus
 from ...base.arguments import validate_arguments
 from ...base.escaping import html_text, shell_word
 from ...base.files import write_text
+from ...base.logs import OnProgress
 from ...base.quantities import QUANTITIES, describe_quantity
 from ...dewarp import Dewarper, screens, views
 from ...io import write_image
@@ -22,6 +24,8 @@ from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import obscuration_summary
 from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
+
+LOGGER = logging.getLogger(__name__)
 
 # -- Page templates --------------------------------------------------------------------------------
 
@@ -49,8 +53,10 @@ def _template(name: str) -> Template:
 # -- Sensor report ---------------------------------------------------------------------------------
 
 VIEW = screens.Plane((960, 600))
-ProgressCallback = Callable[[str, float], None]
-"""Progress callback with the current step and the completed fraction of the total work."""
+StepCallback = Callable[[str, float], None]
+"""Callback with the current step and the completed fraction of the total work."""
+PERCENT = 100
+"""Total of progress reports."""
 RENDERING_FRACTION = 0.6  # fraction of the work spent on rendering
 FIGURES_SHOWN = ("fig5", "fig7", "fig10", "fig4", "fig9", "fig6")
 COLUMNS_SHOWN = [name for name in READ_COLUMNS if name not in ("blur_t_deg", "blur_s_deg")]
@@ -62,7 +68,7 @@ def write_demo(
     folder: str | Path = "omnimirror-demo",
     *,
     blur: bool = True,
-    on_progress: ProgressCallback | None = None,
+    on_progress: OnProgress | None = None,
 ) -> Path:
     """Evaluate a sensor, render its image of the bundled room, dewarp it to two views, and write a
     report.
@@ -79,7 +85,8 @@ def write_demo(
         Whether to render through the whole lens aperture; applies to single-mirror sensors, images
         of two-mirror sensors are always sharp.
     on_progress
-        Called with the current step and the completed fraction (0 to 1) of the total work.
+        Callback of the completed work and the total work, in percent. The logger ``omnimirror``
+        reports the steps.
 
     Returns
     -------
@@ -106,7 +113,12 @@ def write_demo(
     folder = Path(folder)
     result = evaluate(sensor)
     result.to_csv(folder / "evaluation.csv")  # first, to fail early if the folder is not writable
-    report = on_progress or (lambda step, fraction: None)
+
+    def report(step: str, fraction: float) -> None:
+        LOGGER.info("%s", step)
+        if on_progress is not None:
+            on_progress(round(PERCENT * fraction), PERCENT)
+
     report("Rendering the image", 0.0)
     circle = render_image(
         sensor,
@@ -128,7 +140,7 @@ def write_demo(
     return folder / "report.html"
 
 
-def report_html(result: Evaluation, folder: Path, report: ProgressCallback) -> str:
+def report_html(result: Evaluation, folder: Path, report: StepCallback) -> str:
     """Return the self-contained page with the images of ``folder``."""
     sensor = result.sensor
     lead = (sensor.notes.strip().splitlines() or [""])[0]
@@ -185,7 +197,7 @@ def _image(path: Path, caption: str) -> str:
     return figure_html(path.read_bytes(), "png", caption)
 
 
-def _figures(sensor: Sensor, report: ProgressCallback) -> str:
+def _figures(sensor: Sensor, report: StepCallback) -> str:
     """Return the figures: wide ones in a column, then the narrow ones in a row."""
     wide: list[str] = []
     upright: list[str] = []

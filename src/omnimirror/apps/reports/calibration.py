@@ -10,22 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...analysis.figures import render, save_figure
-from ...analysis.figures.calibration_results import (
-    coverage_map,
-    residual_histograms,
-    residual_vectors,
-    residuals_by_image,
-    residuals_by_radius,
-)
-from ...analysis.figures.style import styled
 from ...base.arguments import validate_arguments
 from ...base.escaping import html_text
 from ...base.files import write_text
-from ...base.typing import Array
 from ...calibration.estimation.calibration_result import Calibration
+from ..plot import CALIBRATION_KINDS, calibration_figure
 from . import figure_html, page_html
 
-GRID = (48, 36)  # grid of the direction uncertainty
 CAPTIONS = {
     "coverage": "Boards and their corners, with the rings in which corners are counted. Darker areas "
     "have a higher uncertainty of direction.",
@@ -121,58 +112,7 @@ def write_calibration_figures(
 
 def calibration_figures(calibration: Calibration) -> dict[str, Figure]:
     """Return the figures of a calibration by name."""
-    fit = calibration.adjustment
-    visible = fit.visible
-    pixels, residuals = fit.problem.stack.pixels[visible], fit.residuals[visible]
-    offset = pixels - calibration.coverage.centre_px
-    radius = np.hypot(*offset.T)
-    outward = offset / np.maximum(radius, 1e-9)[:, None]
-    radial = np.sum(residuals * outward, axis=1)
-    across = residuals[:, 1] * outward[:, 0] - residuals[:, 0] * outward[:, 1]
-    size = fit.model.image_size
-    names = [s.name for s in fit.observations]
-    with styled():
-        return {
-            "coverage": coverage_map(
-                [s.pixels for s in fit.observations],
-                size,
-                calibration.coverage.centre_px,
-                calibration.coverage.radii_px,
-                direction_sigmas(calibration),
-            ),
-            "residuals": residual_vectors(pixels, residuals, size),
-            "residuals-by-radius": residuals_by_radius(radius, radial, across),
-            "residuals-by-image": residuals_by_image(names, *_by_image(calibration)),
-            "residual-histograms": residual_histograms(residuals, fit.noise_px),
-        }
-
-
-def direction_sigmas(calibration: Calibration) -> Array:
-    """Return the standard deviation (deg) of directions on a grid (rows, columns) over the image;
-    NaN outside the field."""
-    width, height = calibration.model.image_size
-    u, v = np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1])
-    rays = calibration.model.backproject(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-    sigmas = np.full(len(rays.valid), np.nan)
-    ahead = rays.directions[rays.valid] @ calibration.model.mount.rotation()
-    sigmas[rays.valid] = calibration.direction_sigma_deg(ahead)
-    return sigmas.reshape(GRID[1], GRID[0])
-
-
-def _by_image(calibration: Calibration) -> tuple[Array, Array]:
-    """Return the RMS residual (px) of each image, fitted and held out."""
-    fit = calibration.adjustment
-    held_out = (
-        calibration.held_out.residuals
-        if calibration.held_out
-        else np.full_like(fit.residuals, np.nan)
-    )
-    return tuple(  # type: ignore[return-value]  # the length of the generator is fixed
-        np.array(
-            [np.sqrt(np.mean(np.sum(e[where] ** 2, axis=1))) for where in fit.problem.stack.slices]
-        )
-        for e in (fit.residuals, held_out)
-    )
+    return {kind: calibration_figure(calibration, kind) for kind in CALIBRATION_KINDS}
 
 
 def calibration_html(calibration: Calibration, command: str = "") -> str:

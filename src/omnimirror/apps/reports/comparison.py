@@ -19,7 +19,7 @@ from ...base.errors import InvalidParameter
 from ...base.escaping import html_text, shell_command
 from ...base.files import write_text
 from ...dewarp import Dewarper, views
-from ...dewarp.field_of_view import field_of
+from ...dewarp.view_geometry import field_of
 from ...io import write_image
 from ...io.images import encoded
 from ...optics.sensor import Sensor

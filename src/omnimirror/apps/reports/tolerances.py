@@ -13,7 +13,7 @@ from ...base.escaping import html_text, shell_word
 from ...base.files import write_text
 from ...manufacturing.drawings.tables import centring_code, form_code
 from ...manufacturing.tolerancing.charts import curves, plot_tornado
-from ...manufacturing.tolerancing.evaluator import TrialEvaluator
+from ...manufacturing.tolerancing.evaluator import TrialEvaluator, select_requirement_merits
 from ...manufacturing.tolerancing.monte_carlo import (
     YieldEstimate,
     YieldStatistics,
@@ -21,11 +21,9 @@ from ...manufacturing.tolerancing.monte_carlo import (
     format_motion,
     simulate_trials,
 )
-from ...manufacturing.tolerancing.perturbation import MEASURED, error_sources, group_of
-from ...manufacturing.tolerancing.requirement_merits import select_requirement_merits
 from ...manufacturing.tolerancing.sensitivity import ErrorSensitivity, sensitivities
 from ...manufacturing.tolerancing.tolerance_analysis import ToleranceReport
-from ...manufacturing.tolerancing.tolerances import Tolerances
+from ...manufacturing.tolerancing.tolerances import MEASURED, Tolerances, error_sources, group_of
 from ...manufacturing.workshop import PartSpecification
 from . import figure_html, page_html
 

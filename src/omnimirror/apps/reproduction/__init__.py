@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import logging
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +11,13 @@ from ...analysis.figures import FIGURES, PAPER, STYLES, save_all, save_figure
 from ...analysis.figures.style import FORMATS, styled
 from ...base.arguments import choice, validate_arguments
 from ...base.errors import InvalidParameter
+from ...base.logs import OnProgress
 from ...base.results import Columns, Result
 from . import _claims, _paper_claims
 from ._claims import CheckedClaim, Claim, check_claims
 from ._paper_sensors import Paper, paper_sensors
+
+LOGGER = logging.getLogger(__name__)
 
 __all__ = [
     "ALL_FIGURES",
@@ -66,7 +70,7 @@ def draw_figures(
     folder: str | Path,
     which: Iterable[str] | None = None,
     formats: Sequence[str] = ("svg", "png"),
-    on_progress: Callable[[str], None] | None = None,
+    on_progress: OnProgress | None = None,
     style: str = "paper",
 ) -> list[Path]:
     """Draw the figures of the paper, computed with its approximations.
@@ -85,15 +89,24 @@ def draw_figures(
     """
     names = _figure_names(which)
     curves = [n for n in names if n in FIGURES]
-    files = save_all(paper_sensors(), folder, formats, curves, PAPER, on_progress, style)
-    for name in (n for n in names if n not in FIGURES):
+    report = on_progress or (lambda done, total: None)
+    files = save_all(
+        paper_sensors(),
+        folder,
+        formats,
+        curves,
+        PAPER,
+        lambda done, total: report(done, len(names)),
+        style,
+    )
+    for number, name in enumerate((n for n in names if n not in FIGURES), len(curves) + 1):
         from ._paper_figures import DIAGRAMS
 
-        if on_progress is not None:
-            on_progress(name)
+        LOGGER.info("%s", name)
         with styled(style):
             figure = DIAGRAMS[name]()
         files += [save_figure(figure, Path(folder) / f"{name}.{kind}") for kind in formats]
+        report(number, len(names))
     return files
 
 
@@ -112,7 +125,7 @@ def reproduce_paper(
     only: Iterable[str] | None = None,
     formats: Sequence[str] = ("svg", "png"),
     style: str = "paper",
-    on_progress: Callable[[str], None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> Reproduction:
     """Redraw the figures of Ohte and Tsuzuki (2012) and check the statements of the paper.
 
@@ -129,7 +142,8 @@ def reproduce_paper(
     style
         ``"paper"`` for a journal, or ``"slides"`` with larger text and lines.
     on_progress
-        Called with the name of each step before it starts.
+        Callback of the number of finished steps and their total number. The logger ``omnimirror``
+        reports the steps.
 
     Returns
     -------
@@ -155,12 +169,15 @@ def reproduce_paper(
     choice("style", style, STYLES)
     for name in formats:
         choice("formats", name, FORMATS)
-    if on_progress is not None:
-        on_progress("numbers")
+    LOGGER.info("numbers")
+    report, total = on_progress or (lambda done, total: None), 1 + figures * len(which)
     rows, folder = check(), Path(folder)
     files = [folder / "numbers.csv", folder / "numbers.md"]
     _claims.write_csv(rows, files[0])
     _claims.write_markdown(rows, files[1])
+    report(1, total)
     if figures:
-        files += draw_figures(folder, which, formats, on_progress, style)
+        files += draw_figures(
+            folder, which, formats, lambda done, count: report(1 + done, total), style
+        )
     return Reproduction(rows, files)

@@ -67,6 +67,10 @@ def _slope_law() -> tuple[float, float]:
     return K, float(np.abs(omega / omega[-1] - tangent / tangent[-1]).max())
 
 
+# The following functions are lists of claims, one function per section of the paper; their length is
+# the number of its claims.
+
+
 def _table_1() -> list[Claim]:
     """Return claims of Table 1: printed parameters give 135 and 12 deg; these requirements give the
     parameters in closed form."""

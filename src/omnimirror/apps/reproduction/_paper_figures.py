@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from ...analysis.figures import image_and_views, sensor_diagrams
 from ...analysis.figures.sensor_diagrams import ImageArray, Prototype
-from ...analysis.meridional_imaging import best_viewpoint
+from ...analysis.focus import best_viewpoint
 from ...dewarp import Dewarper, views
 from ...optics.housing import CameraBody, Dome, Housing, Rod, Tube
 from ...optics.image_sensor import Imager

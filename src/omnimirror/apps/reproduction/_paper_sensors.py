@@ -11,9 +11,10 @@ from scipy.optimize import minimize_scalar
 from ...analysis.evaluation import Evaluation, evaluate
 from ...analysis.figures.curves import sphere_for
 from ...analysis.figures.subjects import EXACT, PAPER, Conditions
-from ...analysis.focus import BestFocus, best_focus
-from ...analysis.meridional_imaging import (
+from ...analysis.focus import (
+    BestFocus,
     SingleViewpoint,
+    best_focus,
     best_viewpoint,
     viewpoint_angle_error,
     viewpoint_z,

@@ -24,17 +24,16 @@ from ...analysis.cross_section import (
 from ...analysis.evaluation import Evaluation, evaluate, field_angles
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array
-from ...cameras.camera import inside_image
-from ...cameras.frames import rotate_vectors
+from ...cameras.camera import inside_image, rotate_vectors
 from ...design.merits import length_mm
 from ...optics.housing import Dome, FlatWindow, Housing, Shell
-from ...optics.mirrors.as_built import MirrorPose
+from ...optics.mirrors.mirror import MirrorPose
 from ...optics.sensor import Sensor
 from ...optics.tracing.obscuration import Obstructions, WindowFrame
 from ...optics.tracing.shell_transmission import pose_of, transmit_rays
 from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
-from ...simulation.scenes.surfaces import intersect_boxes
+from ...simulation.scenes.scene import intersect_boxes
 from ._bench_requirements import UNCHECKED, check_evaluation
 from ._bench_sensors import (
     aligned_sensor,

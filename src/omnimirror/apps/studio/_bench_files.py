@@ -15,10 +15,11 @@ import tomli_w
 from ...analysis.evaluation import evaluate
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import parse_toml
+from ...base.logs import forward_steps
+from ...base.toml_validation import SourceLocator
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import format_sensor, sensor_of, tables_of
-from ...optics.toml_validation import SourceLocator
 from ._bench_requirements import lens_table, mirror_table, requirements_for
 from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench
 from ._http_messages import framed
@@ -155,7 +156,17 @@ def _report(sensor: Sensor, on_progress: Callable[[str, float], None]) -> File:
             f"{width} x {height} px; omnimirror demo supports larger imagers"
         )
     with tempfile.TemporaryDirectory() as folder:
-        data = write_demo(sensor, folder, on_progress=on_progress).read_bytes()
+        step = ""
+
+        def on_step(name: str) -> None:
+            nonlocal step
+            step = name
+
+        def report(done: int, total: int | None) -> None:
+            on_progress(step, done / (total or 1))
+
+        with forward_steps(on_step):
+            data = write_demo(sensor, folder, on_progress=report).read_bytes()
     return File(f"{_stem(sensor)}-report.html", "text/html", data)
 
 
@@ -228,4 +239,4 @@ def coarser(sensor: Sensor, max_side_px: int) -> Sensor:
     share = max_side_px / max(i.size)
     centre = None if i.centre_px is None else tuple((c + 0.5) * share - 0.5 for c in i.centre_px)
     width, height = (max(1, round(side * share)) for side in i.size)
-    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]
+    return replace(sensor, imager=Imager(width, height, i.pixel_pitch_um / share, centre))  # type: ignore[arg-type]  # a tuple of two

@@ -20,6 +20,7 @@ from ...base import quantities
 from ...base.errors import InvalidParameter, OmnimirrorError, SpecError
 from ...base.parameters import Parameter
 from ...base.quantities import Quantity
+from ...base.toml_validation import EntryError, NullLocator
 from ...base.typing import Array
 from ...design.limits import LIMITABLE
 from ...design.merits import DESIGN_MERITS
@@ -39,13 +40,12 @@ from ...optics.mirrors import (
     SlopeSpline,
     TabulatedMapping,
 )
-from ...optics.mirrors.as_built import MirrorPose
 from ...optics.mirrors.mappings import MAPPINGS
+from ...optics.mirrors.mirror import MirrorPose
 from ...optics.mirrors.prescribed_mapping import MappingMirror
 from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
-from ...optics.toml_validation import EntryError, NullLocator
 from .bench_messages import (
     ApiError,
     BenchSensor,

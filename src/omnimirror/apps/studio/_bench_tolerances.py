@@ -12,20 +12,21 @@ import numpy as np
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array
 from ...manufacturing.tolerancing.compensation import CALIBRATIONS, after
-from ...manufacturing.tolerancing.evaluator import TrialEvaluator
+from ...manufacturing.tolerancing.evaluator import (
+    TrialEvaluator,
+    is_lower_limit,
+    select_requirement_merits,
+)
 from ...manufacturing.tolerancing.monte_carlo import YieldStatistics, check_limits, simulate_trials
-from ...manufacturing.tolerancing.perturbation import (
+from ...manufacturing.tolerancing.perturbed_states import is_vectorised
+from ...manufacturing.tolerancing.tolerances import (
+    Tolerance,
+    Tolerances,
     check_error_names,
     error_sources,
     group_of,
     perturbed,
 )
-from ...manufacturing.tolerancing.perturbed_states import is_vectorised
-from ...manufacturing.tolerancing.requirement_merits import (
-    is_lower_limit,
-    select_requirement_merits,
-)
-from ...manufacturing.tolerancing.tolerances import Tolerance, Tolerances
 from ...manufacturing.tolerancing.trial_images import Refocus
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of

@@ -15,11 +15,12 @@ from typing import TextIO
 import numpy as np
 
 from ...base.errors import OmnimirrorError
+from ...base.logs import forward_steps
 from ...calibration.estimation import Calibration, calibrate_camera
 from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
 from ...calibration.targets.frame_selection import select_distinct_frames
-from ...cameras.frames import Mount
+from ...cameras.camera import Mount
 from ...optics.sensor_files import format_camera
 from ._board_detection_process import board_of
 from ._calibration_boards import coverage_message, line_deviation_px, pose_of, taken
@@ -97,25 +98,29 @@ def _calibrated(
     on_progress: OnProgress,
     stop: Callable[[], bool],
 ) -> Calibration:
-    def progress(task: str, fraction: float) -> None:
-        on_progress(
-            CalibrationStatus(
-                state="running", message=f"{task[:1].upper()}{task[1:]}", fraction=fraction
-            )
-        )
+    status = ""
 
-    return calibrate_camera(
-        detections,
-        board,
-        model=message.model,
-        optics=message.optics,
-        mount=Mount(message.camera_looks, image_flipped=message.image_flipped),
-        centre_px=message.centre_px,
-        rim_radius_px=message.rim_radius_px,
-        board_shape=not message.flat_board,
-        on_progress=progress,
-        should_stop=stop,
-    )
+    def on_step(step: str) -> None:
+        nonlocal status
+        status = f"{step[:1].upper()}{step[1:]}"
+
+    def progress(done: int, total: int | None) -> None:
+        fraction = done / (total or 1)
+        on_progress(CalibrationStatus(state="running", message=status, fraction=fraction))
+
+    with forward_steps(on_step, "omnimirror.calibration"):
+        return calibrate_camera(
+            detections,
+            board,
+            model=message.model,
+            optics=message.optics,
+            mount=Mount(message.camera_looks, image_flipped=message.image_flipped),
+            centre_px=message.centre_px,
+            rim_radius_px=message.rim_radius_px,
+            board_shape=not message.flat_board,
+            on_progress=progress,
+            should_stop=stop,
+        )
 
 
 def _plain(message: str) -> str:
@@ -174,7 +179,7 @@ def result_message(calibration: Calibration) -> CalibrationResult:
             for s in fit.observations
             if s.name in used
         ),
-        camera_file=format_camera(calibration.camera, calibration.summary),  # type: ignore[arg-type]
+        camera_file=format_camera(calibration.camera, calibration.summary),  # type: ignore[arg-type]  # a calibrated camera has a file format
     )
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.typing import Array, Mask
-from ...cameras.camera import inside_image
-from ...cameras.frames import Mount, rotate_vectors
+from ...cameras.camera import Mount, inside_image, rotate_vectors
 from ...cameras.models import MirrorBall, OCam, ViewpointSpline
 from ...dewarp._source_coordinates import tables_of
-from ...dewarp.field_of_view import field_of
+from ...dewarp.view_geometry import field_of
 from ...optics.housing import Tube
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import AnyCamera

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...base.errors import InvalidParameter, SpecError
-from ...cameras.frames import Mount
+from ...cameras.camera import Mount
 from ...cameras.models import MirrorBall
 from ...cameras.models.camera_model import Optics
 from ...cameras.models.ocam import parse_ocam

@@ -14,9 +14,9 @@ from fastapi.responses import PlainTextResponse, Response, StreamingResponse
 
 from ... import __version__
 from ...base.errors import OmnimirrorError
-from ...cameras.frames import Mount
+from ...cameras.camera import Mount
 from ...cameras.models import MirrorBall
-from ...io.exif import UPRIGHT, applied, exposure_of
+from ...io.image_metadata import UPRIGHT, applied, exposure_of
 from ...io.images import read_image_and_metadata
 from ...optics.sensor import Sensor
 from ._camera_tables import camera_tables

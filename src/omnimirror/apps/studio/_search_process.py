@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.logs import forward_steps
 from ...design.designer import SearchOptions, design_sensor
 from ...design.optimiser import Progress
 from ...design.requirement_files import requirements_like
@@ -80,7 +81,7 @@ def _optimise(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None
         on_progress(_news("running", description, progress.run / progress.runs, progress.value))
 
     solution = design_sensor(
-        optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_progress=on_run)
+        optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_iteration=on_run)
     )
     if solution.optimum is None:
         missed = ", ".join(solution.verdict.missed)
@@ -100,7 +101,8 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
             "requirements; add [mirror] to the requirement file"
         )
     requested = requirements_for(task.requirements, aligned_sensor(sensor))
-    solution = design_sensor(requested, lambda message: on_progress(_news("running", message)))
+    with forward_steps(lambda step: on_progress(_news("running", step)), "omnimirror.design"):
+        solution = design_sensor(requested)
     missed = [row.label for row in solution.rows if not row.is_met]
     message = (
         f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."

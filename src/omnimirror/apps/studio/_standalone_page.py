@@ -10,7 +10,7 @@ from typing import get_args
 
 from ... import __version__
 from ...base.errors import InvalidParameter
-from ...cameras.frames import CameraLooks, Mount
+from ...cameras.camera import CameraLooks, Mount
 from ...optics.batch.best_focus import FOCUS_SEARCH
 from ...optics.mirrors import (
     ConicAsphere,
@@ -102,7 +102,7 @@ JPEG_QUALITY = 85
 
 
 def standalone_page(
-    sensors: Sequence[str] | None = None, progress: Callable[[int, int], None] | None = None
+    sensors: Sequence[str] | None = None, on_progress: Callable[[int, int], None] | None = None
 ) -> str:
     """Return a self-contained page that dewarps images dropped on it.
 
@@ -115,7 +115,7 @@ def standalone_page(
     ----------
     sensors
         Names of bundled sensors, and balls as ``ball:340`` with a field in degrees; all by default.
-    progress
+    on_progress
         Called with the number of completed cameras and their total number.
 
     Returns
@@ -138,8 +138,8 @@ def standalone_page(
     cameras = []
     for number, each in enumerate(named_cameras):
         cameras.append(_standalone_camera(each))
-        if progress is not None:
-            progress(number + 1, len(named_cameras))
+        if on_progress is not None:
+            on_progress(number + 1, len(named_cameras))
     return page_with_messages(
         alone=StandalonePage(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone()
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...base.errors import MediaError
 from ...io import exr, images
-from ...io._image_metadata import ImageMetadata, embed_metadata
+from ...io.image_metadata import ImageMetadata, embed_metadata
 from ...io.images import decode_image_and_metadata
 
 if TYPE_CHECKING:

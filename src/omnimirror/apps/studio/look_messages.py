@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from ...cameras.frames import CameraLooks
+from ...cameras.camera import CameraLooks
 from .messages import ClientMessage, Message
 
 Vector = tuple[float, float, float]

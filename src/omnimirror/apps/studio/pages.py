@@ -23,7 +23,7 @@ from ...base.escaping import script_json
 from ...base.files import read_bytes, write_text
 from ...dewarp.restoration.noise import check_restorable
 from ...io import read_image
-from ...io.exif import UPRIGHT
+from ...io.image_metadata import UPRIGHT
 from ...io.images import MAX_FILE_BYTES, orientation_of
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import AnyCamera

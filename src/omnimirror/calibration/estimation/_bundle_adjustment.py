@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +13,8 @@ from numpy.typing import NDArray
 
 from ...base.arguments import choice, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
-from ...base.nonlinear_least_squares import levenberg_marquardt
+from ...base.logs import OnProgress
+from ...base.numerics import levenberg_marquardt
 from ...base.results import Columns, Result, table_of
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
@@ -30,6 +33,8 @@ from ._residuals import (
     targets,
 )
 from .observations import Observation, Stack, moved, rms_px, stacked
+
+LOGGER = logging.getLogger(__name__)
 
 # -- Normal equations ------------------------------------------------------------------------------
 #
@@ -272,7 +277,7 @@ def minimise(
     problem: AdjustmentProblem,
     max_steps: int,
     relative_tolerance: float = RELATIVE_TOLERANCE,
-    on_progress: Callable[[float], None] | None = None,
+    on_step: Callable[[float], None] | None = None,
 ) -> Estimate:
     """Minimise the sum, starting from an estimate."""
     linearised = linearise(estimate, problem.stack)
@@ -298,7 +303,7 @@ def minimise(
         max_steps,
         relative_tolerance,
         MIN_NOISE_PX**2 * len(linearised.visible),
-        on_progress,
+        on_step,
     ).estimate
 
 
@@ -634,7 +639,7 @@ def bundle_adjust(
     noise_px: float | None = None,
     max_steps: int = MAX_STEPS,
     relative_tolerance: float = RELATIVE_TOLERANCE,
-    on_progress: Callable[[float], None] | None = None,
+    on_progress: OnProgress | None = None,
     edges: StraightEdges | None = None,
 ) -> BundleAdjustment:
     """Adjust a camera model, target poses and the board shape to observations.
@@ -662,7 +667,8 @@ def bundle_adjust(
     relative_tolerance
         Relative decrease of the sum that ends the iteration.
     on_progress
-        Callback with the minimised sum after every successful step.
+        Callback of the number of successful steps, and None. The logger
+        ``omnimirror.calibration`` reports the minimised sum.
     edges
         Straight edges, as additional observations.
 
@@ -699,6 +705,14 @@ def bundle_adjust(
     fixed, priors = tuple(fixed), tuple(priors)
     problem = _problem(model, observations, shape, fixed, priors)
     estimate = _start(model, observations, shape, priors, problem.stack)
+    steps = count(1)
+
+    def on_step(cost: float) -> None:
+        step = next(steps)
+        LOGGER.info("step %d, sum of squares %.6g", step, cost)
+        if on_progress is not None:
+            on_progress(step, None)
+
     for _ in range(1 if edges is None else EDGES_FORMED):
         edge_information = None if edges is None else edges.information(estimate.model)
         before = estimate.model
@@ -709,7 +723,7 @@ def bundle_adjust(
             noise_px,
             max_steps,
             relative_tolerance,
-            on_progress,
+            on_step,
         )
         if _max_change(before, estimate.model) < EDGES_SETTLED:
             break
@@ -724,16 +738,16 @@ def _minimise_with_noise(
     noise_px: float | None,
     max_steps: int,
     relative_tolerance: float,
-    on_progress: Callable[[float], None] | None,
+    on_step: Callable[[float], None],
 ) -> tuple[Estimate, AdjustmentProblem]:
     """Return the minimum for the given noise, or for noise estimated from the residuals."""
     if noise_px is not None:
         problem = replace(problem, noise_px=noise_px, loss=Loss(loss, CAUCHY * noise_px))
-        return minimise(estimate, problem, max_steps, relative_tolerance, on_progress), problem
+        return minimise(estimate, problem, max_steps, relative_tolerance, on_step), problem
     for _ in range(1 if loss == "squares" and not problem.has_priors else SCALES_ADJUSTED):
         noise = _noise(estimate, problem, robust=loss != "squares")
         problem = replace(problem, noise_px=noise, loss=Loss(loss, CAUCHY * noise))
-        estimate = minimise(estimate, problem, max_steps, relative_tolerance, on_progress)
+        estimate = minimise(estimate, problem, max_steps, relative_tolerance, on_step)
         updated_noise = _noise(estimate, problem, robust=loss != "squares")
         if abs(updated_noise - noise) < 0.02 * noise:
             break

@@ -24,10 +24,10 @@ from ...base.arguments import (
     validate_arguments,
 )
 from ...base.errors import InvalidParameter
+from ...base.logs import OnProgress
 from ...base.typing import Array
-from ...cameras.frames import Mount, rotate_vectors
-from ...cameras.models.camera_model import CameraModel
-from ...cameras.models.radial_model import RadialModel
+from ...cameras.camera import Mount, rotate_vectors
+from ...cameras.models.camera_model import CameraModel, RadialModel
 from ...cameras.models.sphere_models import Unified
 from ...cameras.models.spline_models import ViewpointSpline
 from ...optics.sensor import Sensor
@@ -206,7 +206,7 @@ def calibrate_camera(
     rim_radius_px: float | None = None,
     seed: int = 0,
     stored_orientation: bool = False,
-    on_progress: Callable[[str, float], None] | None = None,
+    on_progress: OnProgress | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Calibration:
     """Calibrate a camera from images of a target, surveyed points and directions, or both.
@@ -258,7 +258,8 @@ def calibrate_camera(
     stored_orientation
         Use the pixels of files as stored, without the orientation in their EXIF data.
     on_progress
-        Callback with the name of the current step and the completed fraction from 0 to 1.
+        Callback of the completed work and the total work, in percent. The logger
+        ``omnimirror.calibration`` reports the steps.
     should_stop
         Callback; if it returns True, the calibration stops and returns the best result so far.
 
@@ -287,6 +288,7 @@ def calibrate_camera(
     >>> round(found.rms_px, 2), all(p.used for p in found.images)
     (0.14, True)
     """
+    # More than 60 lines: 18 parameters to check and pass on; the steps are functions.
     started = time.perf_counter()
     choice("optics", optics, ("mirror", "fisheye"))
     if isinstance(model, Sensor):

@@ -11,8 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from ...base.errors import OmnimirrorError
 from ...base.results import Columns, Result
 from ...base.typing import Array
-from ...cameras.models.camera_model import CameraModel
-from ...cameras.models.radial_model import RadialModel
+from ...cameras.models.camera_model import CameraModel, RadialModel
 from ...cameras.models.sphere_models import Unified
 from ._bundle_adjustment import (
     BundleAdjustment,

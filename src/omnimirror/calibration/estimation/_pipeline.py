@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import InvalidParameter, OmnimirrorError
+from ...base.logs import OnProgress
 from ...base.worker_processes import WorkerPool
 from ...cameras.models.camera_model import CameraModel
 from ...cameras.models.sphere_models import Unified
@@ -61,6 +63,11 @@ FREEDOM = 0.5  # maximum number of unknowns per measurement; more would fit outl
 MIN_IMAGES_FOR_REFERENCE = 5  # minimum number of images; with fewer, flexible models fit any data
 
 
+LOGGER = logging.getLogger(__name__)
+PERCENT = 100
+"""Total of progress reports."""
+
+
 class CalibrationCancelled(Exception):
     """Cancellation by the caller."""
 
@@ -69,15 +76,16 @@ class CalibrationCancelled(Exception):
 class ProgressReporter:
     """Progress reports and cancellation."""
 
-    progress: Callable[[str, float], None] | None
-    stop: Callable[[], bool] | None
+    on_progress: OnProgress | None
+    should_stop: Callable[[], bool] | None
 
     def at(self, step: str, fraction: float) -> None:
         """Report the current step and the completed fraction; raise `CalibrationCancelled` if cancelled."""
-        if self.stop is not None and self.stop():
+        if self.should_stop is not None and self.should_stop():
             raise CalibrationCancelled
-        if self.progress is not None:
-            self.progress(step, fraction)
+        LOGGER.info("%s", step)
+        if self.on_progress is not None:
+            self.on_progress(round(PERCENT * fraction), PERCENT)
 
 
 @dataclass(frozen=True)

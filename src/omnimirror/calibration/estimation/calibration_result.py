@@ -15,8 +15,7 @@ from ...base.files import json_plain, write_text
 from ...base.parameters import Uncertainty
 from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
-from ...cameras.models.camera_model import CameraModel, direction_sigma_deg
-from ...cameras.models.radial_model import RadialModel
+from ...cameras.models.camera_model import CameraModel, RadialModel, direction_sigma_deg
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import save_camera
 from .._initial_sensor import without_fold
@@ -237,7 +236,7 @@ class Calibration(Result):
         OmnimirrorError
             If the file cannot be written.
         """
-        save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]
+        save_camera(self.camera, path, self.summary)  # type: ignore[arg-type]  # a calibrated camera has a file format
 
     @property
     def measurement_kinds(self) -> str:

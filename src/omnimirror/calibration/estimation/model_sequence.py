@@ -11,8 +11,7 @@ import numpy as np
 from ...base.arguments import choice, instance
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
-from ...cameras.camera import inside_image
-from ...cameras.frames import Mount, rotate_vectors
+from ...cameras.camera import Mount, inside_image, rotate_vectors
 from ...cameras.models import (
     DoubleSphere,
     EnhancedUnified,

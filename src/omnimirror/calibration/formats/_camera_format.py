@@ -22,11 +22,10 @@ from ...base.files import (
     parse_json,
     parse_xml,
 )
+from ...base.toml_validation import did_you_mean
 from ...base.typing import Array
-from ...cameras.camera import Camera
-from ...cameras.frames import Mount
+from ...cameras.camera import Camera, Mount
 from ...cameras.models.camera_model import Optics
-from ...optics.toml_validation import did_you_mean
 
 # -- Parsed values ---------------------------------------------------------------------------------
 

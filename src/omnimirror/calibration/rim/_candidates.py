@@ -104,7 +104,7 @@ def visible_fraction(size: tuple[int, int], radius: float) -> NDArray[np.float32
     at_v = np.linspace(0, len(rows) - 1, size[1], dtype=np.float32)
     fraction: NDArray[np.float32] = cv2.remap(
         coarse_fraction, *np.meshgrid(at_u, at_v), cv2.INTER_LINEAR
-    )  # type: ignore[assignment]
+    )  # type: ignore[assignment]  # stub of cv2 returns any dtype
     return fraction
 
 

@@ -348,10 +348,38 @@ def clearness(ellipse: Ellipse, fraction: float) -> float:
     return fraction - STRETCH_COST * float(np.hypot(*ellipse.stretch))
 
 
-def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:
-    """Return the edges of profiles across the ring; a profile may have several."""
+def _smoothed_profiles(
+    levels: NDArray[np.number], points: NDArray[np.float32], step: float, scale: float
+) -> NDArray[np.float32]:
+    """Return smoothed image levels (profiles, samples, channels) at points (profiles, samples, 2)."""
     import cv2
 
+    top, left = (max(0, int(np.floor(points[..., k].min()))) for k in (1, 0))
+    crop = np.ascontiguousarray(
+        levels[top : int(points[..., 1].max()) + 2, left : int(points[..., 0].max()) + 2]
+    )
+    if not crop.size:
+        return np.empty((*points.shape[:2], 0), np.float32)
+    samples = cv2.remap(
+        crop,
+        points[..., 0] - left,
+        points[..., 1] - top,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    samples = samples.reshape(*points.shape[:2], -1).astype(np.float32)
+    smooth = cv2.GaussianBlur(
+        samples.reshape(len(points), -1, samples.shape[2]),
+        (0, 0),
+        sigmaX=0.8 * scale / step if scale > 1 else 1.6,
+        sigmaY=0.8,
+    )
+    profiles: NDArray[np.float32] = smooth.reshape(samples.shape)  # type: ignore[assignment]  # stub of cv2
+    return profiles
+
+
+def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> EdgePoints:
+    """Return the edges of profiles across the ring; a profile may have several."""
     step = max(0.5, scale / SAMPLES)
     reach = REACH_PX * scale
     distances = np.arange(-reach, reach + step / 2, step)
@@ -367,27 +395,12 @@ def _edges_across(levels: NDArray[np.number], ring: Ellipse, scale: float) -> Ed
             axis=1
         )
     )
-    top, left = (max(0, int(np.floor(points[..., k].min()))) for k in (1, 0))
-    crop = np.ascontiguousarray(
-        levels[top : int(points[..., 1].max()) + 2, left : int(points[..., 0].max()) + 2]
-    )
-    if not inside.any() or not crop.size:
-        return EdgePoints(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
-    samples = cv2.remap(
-        crop,
-        points[..., 0] - left,
-        points[..., 1] - top,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    samples = samples.reshape(PROFILES, len(distances), -1).astype(np.float32)
-    smooth = cv2.GaussianBlur(
-        samples.reshape(PROFILES, -1, samples.shape[2]),
-        (0, 0),
-        sigmaX=0.8 * scale / step if scale > 1 else 1.6,
-        sigmaY=0.8,
-    )
-    smooth = smooth.reshape(samples.shape)
+    no_edges = EdgePoints(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0))
+    if not inside.any():
+        return no_edges
+    smooth = _smoothed_profiles(levels, points, step, scale)
+    if not smooth.size:
+        return no_edges
     gradients = np.gradient(smooth, step / scale, axis=1)
     channel = np.abs(gradients).argmax(axis=2)[..., None]
     gradients = np.take_along_axis(gradients, channel, axis=2)[..., 0]

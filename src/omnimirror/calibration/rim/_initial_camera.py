@@ -11,9 +11,9 @@ import numpy as np
 from ...base.arguments import instance, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.typing import Array
-from ...cameras.frames import CameraLooks, Mount
+from ...cameras.camera import CameraLooks, Mount
 from ...cameras.models import MirrorBall
-from ...optics.mirrors.as_built import MirrorPose
+from ...optics.mirrors.mirror import MirrorPose
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import load_sensor
 from ._rim_detection import MIN_CONFIDENCE, MirrorOutline

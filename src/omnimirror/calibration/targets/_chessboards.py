@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.linear_algebra import matrix_product
+from ...base.numerics import matrix_product
 from ...base.typing import Array
 from ._corner_refinement import fit_saddles, maps_about
 from ._image_preparation import bytes_of, scaled, scales, unscaled_px, upwards

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.linear_algebra import matrix_product
+from ...base.numerics import matrix_product
 from ...base.typing import Array
 from ._corner_refinement import LocalMaps, fit_saddles, maps_about
 from .boards import Board, CornerWindow

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...base.arguments import file_name, instance, integer, number, validate_arguments
 from ...base.errors import MediaError
+from ...base.logs import OnProgress
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ._corner_refinement import maps_about
@@ -43,7 +44,7 @@ def select_frames(
     duration_s: float | None = None,
     camera: Camera | None = None,
     stored_orientation: bool = False,
-    on_progress: Callable[[int, int | None], None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> list[Detection]:
     """Select calibration frames from a video.
 

@@ -3,9 +3,8 @@
 from typing import TypeAlias, get_args
 
 from ._opencv_models import KannalaBrandt, RationalPinhole, ThinPrismFisheye
-from .camera_model import CameraModel, ModelParameter, PointImages
+from .camera_model import CameraModel, ModelParameter, PointImages, RadialModel
 from .ocam import OCam, load_ocam, parse_ocam
-from .radial_model import RadialModel
 from .sphere_models import DoubleSphere, EnhancedUnified, MirrorBall, Unified
 from .spline_models import RadialSpline, ViewpointSpline
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polysub
 
-from ...base.root_finding import increasing_root
+from ...base.numerics import increasing_root
 from ...base.typing import Array, Mask
 
 Rows = tuple[Array, Array]

@@ -10,7 +10,7 @@ from numpy.polynomial.polynomial import polysub, polyval
 
 from ...base.arguments import number
 from ...base.caching import cached_property
-from ...base.root_finding import increasing_root
+from ...base.numerics import increasing_root
 from ...base.typing import Array
 from ._distortion import (
     MAX_COEFFICIENT,
@@ -20,8 +20,7 @@ from ._distortion import (
     ThinPrism,
     smallest_positive_root,
 )
-from .camera_model import Optics
-from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialProjection
+from .camera_model import ROUNDING, FocalModel, Optics, ParameterSlot, RadialProjection
 
 # -- Kannala-Brandt fisheye model ------------------------------------------------------------------
 

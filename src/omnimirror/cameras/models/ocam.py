@@ -29,13 +29,12 @@ from ...base.errors import (
     abbreviate,
 )
 from ...base.files import read_text
-from ...base.root_finding import increasing_root
+from ...base.numerics import increasing_root
 from ...base.typing import Array
-from ..frames import Mount
+from ..camera import Mount
 from ._distortion import MIN_RATE
-from .camera_model import Optics
+from .camera_model import Optics, ParameterSlot, RadialModel, RadialProjection
 from .plausibility import inverse_polynomial_warnings, plausibility_warnings
-from .radial_model import ParameterSlot, RadialModel, RadialProjection
 
 MAX_OCAM_COEFFICIENT = 1e100  # its square is finite
 MAX_RADIUS_RATIO = (

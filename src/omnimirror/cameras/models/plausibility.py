@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from ...base.typing import Array
-from .radial_model import RadialModel
+from .camera_model import RadialModel
 
 MAX_CENTRE_OFFSET = 0.03
 """Distance of the centre from the image centre, relative to the shorter side, above which swapped

@@ -9,8 +9,7 @@ import numpy as np
 from ...base.arguments import number
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from .camera_model import Optics
-from .radial_model import ROUNDING, FocalModel, ParameterSlot, RadialModel, RadialProjection
+from .camera_model import ROUNDING, FocalModel, Optics, ParameterSlot, RadialModel, RadialProjection
 
 # -- Projection onto a sphere, then from an offset point onto the image ----------------------------
 

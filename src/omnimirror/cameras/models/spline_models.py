@@ -11,10 +11,10 @@ import numpy as np
 from ...base.arguments import finite, format_value, integer, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
-from ...base.root_finding import increasing_root
+from ...base.numerics import increasing_root
 from ...base.typing import Array
 from ._distortion import MIN_RATE
-from .radial_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
+from .camera_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly

@@ -45,6 +45,8 @@ ERROR, ERROR_PX = 0.01, 0.5  # error of large blur (square root of light), widen
 WRONG, WRONG_PX = 2.0, 0.5  # relative power error of small blur, and the widening at 1/4 of it
 DOUBT = 4.0  # ratio of error power to residual power
 COARSE = 0.25  # coding errors are coarse, and blur damps them less than noise: by this power
+# The error of the known blur; lower noise would expose this error instead
+MIN_ASSUMED_NOISE = np.float32(0.007)
 
 
 class BlurProblem:
@@ -234,6 +236,75 @@ def _power(values: Values, noise: Noise) -> Values:
 def _mean_squares(values: Values) -> Values:
     """Return the mean square over channels (h, w) without an array of all squares."""
     return np.asarray(np.einsum("hwc,hwc->hw", values, values) / np.float32(values.shape[2]))
+
+
+# -- Contradiction between an image and a blur ---------------------------------------------------
+#
+# No sharp image, blurred by more than the image contains, explains steep edges: next to them the
+# residual is a large fraction of the removed blur, and a smaller blur leaves less. For the correct
+# blur, the fraction is small; errors of the model, for example near lamps, are as large with a
+# smaller blur.
+
+COMPARED_FRACTION = 0.7  # of the blur, for the comparison of residuals
+LARGEST_REMOVED = 0.95  # quantile of the removed blur above which it is compared with the residual
+MIN_REMOVED, OF_NOISE = 2.0, 0.5  # relative to the noise; expected residual of the fit
+DECREASE = 1.5  # weight of the decrease of the residual from the full to the smaller blur
+MAX_CONTRADICTION = 0.085  # of images of the known blur
+COMPARED_WIDTH_PX, COMPARED_WIDTH = 1.5, 0.8  # minimum blur of the pixels: absolute, of the largest
+MIN_COMPARED_PIXELS = 60
+RESIDUAL_PX, REMOVED_PX = 3, 5  # windows
+MIN_HIGHLIGHT_PX = 4.0  # minimum distance from pixels that are brighter than white
+
+
+def contradiction(
+    full: BlurProblem, roots: Values, noise: Noise, smaller: BlurProblem | None = None
+) -> float:
+    """Return the residual of a blur relative to the removed blur, or, if less, its weighted
+    decrease with a smaller blur; 0 with too few pixels.
+
+    Evaluated where most blur is removed, and not within the blur of pixels brighter than white. Up
+    to :data:`MAX_CONTRADICTION` in images of the known blur, usually 0.1 to 0.3 in sharper images.
+
+    Parameters
+    ----------
+    full
+        Problem of the blur.
+    roots : (h, w, 1 or 3)
+        Square roots of the light of the image.
+    noise
+        Noise of the image.
+    smaller
+        Problem of a fraction of the blur.
+    """
+    sizes, known = full.sizes.larger, full.known_pixels
+    here = full.within(roots)
+    solution = full.solved(here, noise, full.effort)
+    light, residual = solution.light(), full.left_over(here, solution)
+    dark = np.asarray(((roots < SATURATED) & (light <= 1)).all(axis=2), np.uint8)
+    distance = cv2.distanceTransform(dark, cv2.DIST_C, 3)
+    compared = known & (distance > np.maximum(sizes / 2 + 1, MIN_HIGHLIGHT_PX))
+    compared &= sizes > min(COMPARED_WIDTH_PX, COMPARED_WIDTH * sizes[known].max(initial=0))
+    if compared.sum() < MIN_COMPARED_PIXELS:
+        return 0.0
+    removed = _mean_squares(np.sqrt(light) + residual - here)
+    removed = np.asarray(cv2.blur(removed, (REMOVED_PX, REMOVED_PX)), np.float32)
+    variance = noise.at_least(MIN_ASSUMED_NOISE).by_pixel ** 2
+    compared &= removed >= np.quantile(removed[compared], LARGEST_REMOVED)
+    compared &= removed > MIN_REMOVED**2 * variance
+    if compared.sum() < MIN_COMPARED_PIXELS:
+        return 0.0
+    total = removed[compared].sum()
+
+    def relative(residual: Values) -> float:
+        squares = cv2.blur(_mean_squares(residual), (RESIDUAL_PX, RESIDUAL_PX)) - noise.by_pixel**2
+        return float(np.sqrt(max(squares[compared].sum(), 0) / total))
+
+    of_full = relative(residual)
+    excess = of_full - OF_NOISE * float(np.sqrt(variance[compared].sum() / total))
+    if smaller is None or excess <= MAX_CONTRADICTION:
+        return excess
+    of_smaller = relative(smaller.left_over(here, smaller.solved(here, noise, smaller.effort)))
+    return min(excess, DECREASE * (of_full - of_smaller))
 
 
 # -- Upper limit of the fraction of a known blur that an image can contain -------------------------
@@ -430,9 +501,6 @@ MUCH, MUCH_OF_EXPLAINED = 1.3, 1.4
 GROWTH, UNSEEN_SHARE = 0.075, 0.85
 EXPLAINED = 1.0  # residual of the smallest fraction in units of the noise: no undetected texture
 TEST_EFFORT = Effort(coarse_rounds=0, rounds=2, steps=4)
-MIN_ASSUMED_NOISE = np.float32(
-    0.007
-)  # the error of the known blur; lower noise would expose this error instead
 BANDS = 5  # radial bands
 STRIP, MIN_STRIP_PX, EDGE_PX = (
     1 / 32,

@@ -16,10 +16,18 @@ from ...base.caching import cached_property
 from ...base.colour import Light, linear_from_srgb, srgb_from_linear
 from ...base.errors import InvalidParameter, OmnimirrorWarning
 from ...cameras.camera import Camera
-from ...io.exif import Exposure, exposure_of
+from ...io.image_metadata import Exposure, exposure_of
 from ...io.images import Image, read_image_and_metadata
 from ...optics.sensor import Sensor
-from ._blur_fraction import MIN_ASSUMED_NOISE, UNSEEN_SHARE, BlurProblem, BlurScale
+from ._blur_fraction import (
+    COMPARED_FRACTION,
+    MAX_CONTRADICTION,
+    MIN_ASSUMED_NOISE,
+    UNSEEN_SHARE,
+    BlurProblem,
+    BlurScale,
+    contradiction,
+)
 from ._sharpness import blur_limit, overshoot, overshoot_limits
 from .blur_model import BlurDiameters, RadialBlur, load_blur, radial_blur_of
 from .noise import FULL, Noise, check_restorable, estimate_noise, specified_noise
@@ -53,6 +61,11 @@ NO_MORE = "it contains no further blur"
 # the known blur; below the minimum the image is returned unchanged
 MAX_LIMIT, MAX_LIMIT_OF_LARGE, EDGE_SCALE, TEXTURE_SCALE = 0.85, 0.7, 0.9, 1.1
 MIN_LIMIT, MIN_LIMIT_OF_CODED = 0.45, 0.3
+# Diameter in px and minimum of blur that is smaller everywhere: its fractions resemble each other
+MIN_LIMITS_OF_SMALL = ((1.25, 0.9), (2.5, 0.65))
+# From this contradiction between image and full blur, none is removed; below it, from the maximum of
+# the known blur, half of the estimated fraction
+CONTRADICTION_OF_SHARP, SHARE_OF_CONTRADICTED = 0.105, 0.5
 CERTAIN_LIMIT = 0.95  # above it, residuals that indicate less blur are ignored
 F_TOLERANCE, FOCUS_TOLERANCE = (
     0.05,
@@ -302,6 +315,8 @@ class Restorer:
         )
         if fraction > 0:
             fraction = min(fraction, self._sharpness_limit(*limits, is_coded=is_coded))
+        if fraction > 0 and not self._scale.is_limited:
+            fraction = self._uncontradicted(fraction, np.sqrt(light), estimate)
         if beyond > doubtful:
             return Decision(min(fraction, MAX_SHARE_OF_DOUBTFUL), SLIGHTLY_SHARPENED)
         if fraction == 0:
@@ -310,7 +325,7 @@ class Restorer:
             return Decision(MAX_SHARE_OF_CODED, FEW_EDGES)
         if (
             estimate.fraction < MIN_ASSUMED_NOISE
-            and self._is_small
+            and self._largest_px < SMALL_PX
             and fraction > MAX_SHARE_OF_SMALL
         ):
             return Decision(MAX_SHARE_OF_SMALL, SMALL_BLUR_REASON)
@@ -330,8 +345,11 @@ class Restorer:
             return 1.0
         if is_large and not np.isnan(edges):
             texture = np.nan
-        min_texture = MIN_LIMIT if is_large or not is_coded else MIN_LIMIT_OF_CODED
-        if edges < MIN_LIMIT or texture < min_texture:
+        min_limit = next(
+            (limit for px, limit in MIN_LIMITS_OF_SMALL if self._largest_px < px), MIN_LIMIT
+        )
+        min_texture = MIN_LIMIT_OF_CODED if is_coded and not is_large else min_limit
+        if edges < min_limit or texture < min_texture:
             return 0.0
         if is_coded and not is_large:
             texture = np.nan
@@ -343,12 +361,28 @@ class Restorer:
         ]
         return min(shares, default=1.0)
 
+    def _uncontradicted(self, fraction: float, roots: Values, noise: Noise) -> float:
+        """Return an estimated fraction of the blur, or less if the image contradicts all of the
+        blur and does not confirm a fraction of large blur.
+        """
+        excess = contradiction(self.problem, roots, noise, self._smaller_problem)
+        if excess <= MAX_CONTRADICTION:
+            return fraction
+        if fraction < 1 and self._largest_px >= SMALL_PX:
+            of_fraction = contradiction(self._problem(fraction), roots, noise)
+            if of_fraction <= MAX_CONTRADICTION:
+                return fraction
+        return SHARE_OF_CONTRADICTED * fraction if excess <= CONTRADICTION_OF_SHARP else 0.0
+
     @cached_property
-    def _is_small(self) -> bool:
-        return bool(
-            self.problem.sizes.larger[self.radius < self.known.whole_radius_px].max(initial=0)
-            < SMALL_PX
-        )
+    def _smaller_problem(self) -> BlurProblem:
+        return self._problem(COMPARED_FRACTION)
+
+    @cached_property
+    def _largest_px(self) -> float:
+        """Largest diameter of the known blur inside the rim."""
+        inside = self.radius < self.known.whole_radius_px
+        return float(self.problem.sizes.larger[inside].max(initial=0))
 
     def blur_fraction(self, image: ImageArray, noise: float | Noise | None = None) -> float:
         """Return the fraction of the known blur that is removed from an image."""

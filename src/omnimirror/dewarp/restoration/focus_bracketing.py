@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...analysis.focus import FocusStudy
-from ...analysis.meridional_imaging import virtual_images
+from ...analysis.focus import FocusStudy, virtual_images
 from ...base.arguments import distances, instance, number, row, validate_arguments
 from ...base.errors import InvalidParameter
-from ...base.results import Columns, Result
+from ...base.results import Columns, FieldResult, Fields, column_fields
 from ...base.typing import Array
 from ...optics.sensor import Sensor, check_sensor
 from ..maps import PixelMap
@@ -35,7 +34,7 @@ ROUNDED = 1 - 1e-9
 
 
 @dataclass(frozen=True)
-class Bracket(Result):
+class Bracket(FieldResult):
     """Focus distances and the residual blur at n field angles.
 
     Attributes
@@ -59,6 +58,9 @@ class Bracket(Result):
     def _table(self) -> Columns:
         names = ("omega_deg", "blur_px", "least_px")
         return {name: getattr(self, name) for name in names}
+
+    def _fields(self) -> Fields:
+        return column_fields(self._table(), {"focus_mm": self.focus_mm, "limit_px": self.limit_px})
 
     @property
     def astigmatic(self) -> NDArray[np.bool_]:

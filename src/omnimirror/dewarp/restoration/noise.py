@@ -15,7 +15,7 @@ from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.results import Result
 from ...base.typing import Array, Mask
-from ...io.jpeg import BLOCK, JpegCoding, read_jpeg_coding
+from ...io.images import BLOCK, JpegCoding, read_jpeg_coding
 
 # -- JPEG coding error, estimated from the decoded image and the quantisation steps ----------------
 #

@@ -1,18 +1,30 @@
 """Screens: targets of the pixels of a dewarped image.
 
 Screens are drawn as seen from inside or from above, in the world frame of
-:mod:`omnimirror.cameras.frames`, independent of the orientation of the source image. Each screen is
+:mod:`omnimirror.cameras.camera`, independent of the orientation of the source image. Each screen is
 at ``distance_mm`` from its centre, infinite by default; at a finite distance ``offset_mm`` moves
 it.
 """
 
 from typing import TypeAlias
 
-from ._domes import DomeMaster, LittlePlanet, Pole
 from ._mosaics import FACES, LAYOUTS, CubeMap, Layout, Mosaic
-from ._panoramas import Cylinder, Equirectangular, Panorama, Rows
-from ._planes import Ground, Plane
-from ._screen import Composite, Screen, ScreenPart, View, parts_of
+from ._projections import (
+    Composite,
+    Cylinder,
+    DomeMaster,
+    Equirectangular,
+    Ground,
+    LittlePlanet,
+    Panorama,
+    Plane,
+    Pole,
+    Rows,
+    Screen,
+    ScreenPart,
+    View,
+    parts_of,
+)
 
 Shape: TypeAlias = (
     Cylinder | Equirectangular | Plane | Ground | DomeMaster | LittlePlanet | CubeMap | Mosaic

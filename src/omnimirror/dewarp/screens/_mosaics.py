@@ -11,10 +11,10 @@ import numpy as np
 
 from ...base.arguments import check_fields, validate_arguments
 from ...base.errors import InvalidParameter
-from ._planes import Plane
-from ._screen import (
+from ._projections import (
     NO_OFFSET,
     Offset,
+    Plane,
     ScreenPart,
     View,
     check_angle,

@@ -15,7 +15,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -31,13 +31,13 @@ from ...cameras.camera import Camera
 from ...dewarp.image_files import DewarpedImage, ImageDewarper, SourceImage, as_stored
 from ...dewarp.request import BorderColour, DewarpRequest, VideoSettings
 from ...io.batch import error_message
-from ...io.exif import exposure_of
+from ...io.image_metadata import exposure_of
 from ...io.images import format_of
 from ...optics.sensor_files import parse_camera
 from ...simulation.datasets import TrainingSamples, write_samples
 from ...simulation.scenes.scene_sources import SceneSource
 from ...simulation.simulated_video import frame_times, load_path
-from .inputs import BatchInput, InputReader
+from .inputs import GZIP_SUFFIXES, BatchInput, InputReader
 from .job import BatchJob, digest_of
 from .manifest import DONE, FAILED, ManifestRow, ManifestWriter, manifest_writer
 from .stores import MAX_OBJECT_BYTES
@@ -155,12 +155,45 @@ class BatchBlock:
         rows.flush()
         return rows.name
 
+    @property
+    def is_divisible(self) -> bool:
+        """True if its inputs are independent files, without common decompression or output."""
+        inputs = self.job.inputs
+        is_gzip = any(name.lower().endswith(GZIP_SUFFIXES) for name in inputs.shards)
+        is_segment_or_array = bool(inputs.videos or inputs.arrays)
+        return self.job.output.kind == "files" and not is_segment_or_array and not is_gzip
+
     def fail(self, rows: ManifestWriter, message: str) -> None:
         """Record the failure of all outputs."""
         for item in self.items:
             for output in item.outputs:
                 rows.add(item.row(output, FAILED, error=message))
         rows.flush()
+
+
+MIN_DIVIDED_ITEMS = 4
+"""Minimum number of inputs of a divided block."""
+
+
+def balanced(blocks: Sequence[BatchBlock], workers: int) -> Iterator[BatchBlock]:
+    """Yield blocks of decreasing size, so that all workers end together.
+
+    A block of files has at most 1 / (2 workers) of the remaining inputs (guided self-scheduling);
+    other blocks are not divided.
+    """
+    remaining = sum(len(block.items) for block in blocks)
+    number = 0
+    for block in blocks:
+        items = block.items
+        while items:
+            size = len(items)
+            if block.is_divisible:
+                size = min(size, max(MIN_DIVIDED_ITEMS, remaining // (2 * workers)))
+            name = items[0].outputs[0].name if block.is_divisible else block.name
+            yield replace(block, number=number, name=name, items=items[:size])
+            items = items[size:]
+            remaining -= size
+            number += 1
 
 
 # -- Processing of one image -----------------------------------------------------------------------
@@ -304,7 +337,7 @@ class _Context:
             ahead = min(ahead, 1)  # images of an array share a slab
         if not ahead:
             for item in items:
-                yield item, lambda each=item: self.reader.data(each.source)  # type: ignore[misc]
+                yield item, lambda each=item: self.reader.data(each.source)  # type: ignore[misc]  # lambda with defaults
             return
         with ThreadPoolExecutor(ahead) as pool:
             reads: deque[Future[Any]] = deque()

@@ -19,15 +19,15 @@ from ...base.block_runner import Retries
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import json_plain, parse_toml, read_text
-from ...io.batch import IMAGE_SUFFIXES, WRITABLE_VIDEO_SUFFIXES
-from ...optics.sensor_files import format_camera, load_camera
-from ...optics.toml_validation import (
+from ...base.toml_validation import (
     SourceLocator,
     Table,
     did_you_mean,
     merge_tables,
     validated,
 )
+from ...io.batch import IMAGE_SUFFIXES, WRITABLE_VIDEO_SUFFIXES
+from ...optics.sensor_files import format_camera, load_camera
 from ..named_views import MAX_VIEWS, NamedView, parse_view
 from .stores import Store, join_url
 
@@ -340,7 +340,7 @@ def parse_job(
         raise where.error((), "the table output is missing; it requires url")
     folder = folder or Path()
     views = {
-        name: where.wrap(("view", name), lambda n=name, t=table: _view(n, t))  # type: ignore[misc]
+        name: where.wrap(("view", name), lambda n=name, t=table: _view(n, t))  # type: ignore[misc]  # lambda with defaults
         for name, table in data.get("view", {}).items()
     }
     rules = [
@@ -348,7 +348,7 @@ def parse_job(
         for number, table in enumerate(data.get("sensor", []))
     ]
     sensors = tuple(
-        where.wrap((f"sensor.{number}",), lambda r=rule: _assigned(r, folder))  # type: ignore[misc]
+        where.wrap((f"sensor.{number}",), lambda r=rule: _assigned(r, folder))  # type: ignore[misc]  # lambda with defaults
         for number, rule in enumerate(rules)
     )
     job = BatchJob(folder, sensors=sensors, views=views, storage=data.get("storage", {}), **tables)

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ...base.errors import MediaError
 from ...base.typing import Array
-from ...cameras.camera import Camera
-from ...cameras.frames import Mount
+from ...cameras.camera import Camera, Mount
 from ...io.images import decoded, encoded
 from ...optics.sensor import Sensor
 from ..pinholes import EquivalentPinhole

@@ -12,6 +12,7 @@ from ...base import interrupts
 from ...base.arguments import file_name, validate_arguments
 from ...base.errors import InvalidParameter, MediaError
 from ...base.files import is_same_file
+from ...base.logs import OnProgress
 from ...base.results import Result
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper
@@ -19,7 +20,7 @@ from ...dewarp import views as view_functions
 from ...dewarp.interfaces import Interpolation
 from ...dewarp.request import BorderArgument, BorderColour, DewarpRequest, Size
 from ...dewarp.screens import Plane, View
-from ...io.progress import FrameProgress, ProgressMeter
+from ...io.progress import ProgressMeter
 from ..named_views import check_view_name
 from ..pinholes import EquivalentPinhole, equivalent_pinhole
 from ._messages import (
@@ -98,7 +99,7 @@ def dewarp_bag(
     interpolation: Interpolation = "auto",
     border: BorderArgument | None = None,
     keep_tilt: bool = False,
-    on_progress: Callable[[FrameProgress], None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> DewarpedBag:
     """Dewarp the images of a rosbag2, MCAP or ROS 1 bag without a ROS installation.
 
@@ -171,7 +172,7 @@ def run_bag_dewarping(
     output: Path,
     dewarping: DewarpRequest,
     selection: BagSelection,
-    on_progress: Callable[[FrameProgress], None] | None = None,
+    on_progress: OnProgress | None = None,
 ) -> DewarpedBag:
     """Dewarp a bag as specified by a selection; the view of ``dewarping`` is not used."""
     if is_same_file(source, output):

@@ -58,8 +58,7 @@ def differentiable(
     Examples
     --------
     >>> import omnimirror as om, torch
-    >>> from omnimirror.interop.torch import differentiable
-    >>> camera = differentiable(om.load_sensor("paper-spherical"), free=("focal", "tilt"))
+    >>> camera = om.torch.differentiable(om.load_sensor("paper-spherical"), free=("focal", "tilt"))
     >>> list(camera.parameters)
     ['lens.focal_length_mm', 'mirror_pose.tilt_x_deg', 'mirror_pose.tilt_y_deg']
     >>> points_mm = torch.tensor([[3000.0, 400.0, -200.0]], dtype=torch.float64)

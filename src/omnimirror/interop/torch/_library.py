@@ -15,9 +15,7 @@ class _LazyTorch:
         try:
             value = getattr(import_module("torch"), name)
         except ImportError:
-            raise OmnimirrorError(
-                f"differentiable cameras require PyTorch: {extra_remedy('torch')}"
-            ) from None
+            raise OmnimirrorError(f"om.torch requires PyTorch: {extra_remedy('torch')}") from None
         self.__dict__[name] = value
         return value
 

@@ -172,7 +172,7 @@ def _rotate(xyz: Components, rows: Sequence[Sequence[float]]) -> Components:
     return x, y, z
 
 
-# -- lens distortion (Brown), see omnimirror.optics.lenses.distortion -----------------------------------
+# -- lens distortion (Brown), see omnimirror.optics.lenses.lens -----------------------------------
 
 MAX_ITERATIONS = 20
 UNREACHABLE_TANGENT = 1e6

@@ -8,8 +8,7 @@ import numpy as np
 
 from ...base.native import backend
 from ...base.typing import Array
-from ...calibration.projection_derivatives import profile_derivatives
-from ...calibration.sensor_parameters import ParameterLocation
+from ...calibration.sensor_parameters import ParameterLocation, profile_derivatives
 from ...optics.mirrors import Mirror
 from ...optics.tracing.reflection import (
     CELLS,

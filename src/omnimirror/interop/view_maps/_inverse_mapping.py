@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...dewarp.screens import Screen, View, parts_of
-from ...dewarp.viewpoints import Viewpoint, centre_of_projection
+from ...dewarp.view_geometry import Viewpoint, centre_of_projection
 
 GRID_NODES = 160
 """Largest number of steps along the longer side of the grid of initial values."""

@@ -14,7 +14,7 @@ from ...base.typing import Array
 from ...cameras.camera import Camera
 from ...dewarp import Dewarper
 from ...dewarp.screens import View
-from ...dewarp.viewpoints import Viewpoint
+from ...dewarp.view_geometry import Viewpoint
 from ._inverse_mapping import view_pixels
 
 MAX_SIDE_PX = 65534

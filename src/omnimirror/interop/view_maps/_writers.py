@@ -8,7 +8,7 @@ from pathlib import Path
 from ...base.arguments import validate_arguments
 from ...cameras.camera import Camera
 from ...dewarp.screens import View
-from ...dewarp.viewpoints import Viewpoint
+from ...dewarp.view_geometry import Viewpoint
 from ..export_formats import ExportedFiles, ExportFormats, format_registry, write_formats
 from ._arrays import DEPTHAI, FFMPEG, OPENCV, OPENCV_YML, STMAP, VPI
 from ._embedded import C99, OPENMV

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import numbers
 from ...base.errors import InvalidParameter
-from ...base.polynomials import qbfs_values
+from ...base.numerics import qbfs_values
 from ...base.typing import Array
 from ...optics.mirrors import Mirror
 

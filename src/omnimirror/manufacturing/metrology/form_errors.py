@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.arguments import integer, number, row, validate_arguments, vectors
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, OmnimirrorError
-from ...base.polynomials import noll, zernike_terms, zernike_values
+from ...base.numerics import noll, zernike_terms, zernike_values
 from ...base.results import Result
 from ...base.typing import Array
 from ...optics.mirrors import Mirror, SampledProfile
@@ -281,40 +281,10 @@ def form_error(
     >>> [(term.name, round(term.um, 2)) for term in found.terms if abs(term.um) > 0.02]
     [('astigmatism', 0.5)]
     """
-    try:
-        is_profile = np.shape(points_mm)[1:] == (2,)
-    except ValueError:  # rows of different lengths, which `vectors` rejects
-        is_profile = False
-    points = vectors("points_mm", points_mm, 2 if is_profile else 3, is_list=True)
-    points = points[np.isfinite(points).all(axis=-1)]
     probe_radius_mm = number("probe_radius_mm", probe_radius_mm, low=0.0, unit="mm")
     if order is not None:
         order = integer("order", order, 2, ORDERS[-1])
-    if are_departures and (is_profile or probe_radius_mm):
-        what = "points (n, 2)" if is_profile else f"probe_radius_mm = {probe_radius_mm:g}"
-        raise InvalidParameter(
-            f"are_departures requires departures (x, y, departure) of the surface itself; got {what}"
-        )
-    if is_profile:
-        points = np.insert(points, 1, 0.0, axis=1)
-    if not is_profile:
-        check_distance(points, "the cloud")
-        is_profile = len(points) > 1 and is_line(points)
-        if are_departures and is_profile:
-            raise OmnimirrorError(
-                "departures must cover an area of the mirror; got points on one line; measure the "
-                "whole surface, or analyse a profile of points (x, z)"
-            )
-    fewest, what = (MIN_PROFILE_POINTS, "profile") if is_profile else (MIN_POINTS, "cloud")
-    if len(points) < fewest:
-        raise OmnimirrorError(f"the {what} must have at least {fewest} points; got {len(points)}")
-    if is_profile and order is not None:
-        raise InvalidParameter(f"order must be None for a profile; got {order}")
-    if not is_profile:
-        check_spread(points, "the cloud")
-    if are_departures:
-        points = _risen(mirror, points)
-        check_spread(points, "the cloud within the rim")
+    points, what = _checked_points(mirror, points_mm, order, are_departures, probe_radius_mm)
     alignment = aligned(mirror, points, f"the {what}", probe_radius_mm)
     everything = _Heights.of(mirror, alignment)
     sphere = None if alignment.radius_mm is None else _Sphere.of(mirror, alignment)
@@ -355,6 +325,48 @@ def form_error(
         heights,
         UM * residual / part.up,
     )
+
+
+def _checked_points(
+    mirror: Mirror,
+    points_mm: ArrayLike,
+    order: int | None,
+    are_departures: bool,
+    probe_radius_mm: float,
+) -> tuple[Array, str]:
+    """Return points (n, 3), mm, and their name for messages, "profile" or "cloud"."""
+    try:
+        is_profile = np.shape(points_mm)[1:] == (2,)
+    except ValueError:  # rows of different lengths, which `vectors` rejects
+        is_profile = False
+    points = vectors("points_mm", points_mm, 2 if is_profile else 3, is_list=True)
+    points = points[np.isfinite(points).all(axis=-1)]
+    if are_departures and (is_profile or probe_radius_mm):
+        what = "points (n, 2)" if is_profile else f"probe_radius_mm = {probe_radius_mm:g}"
+        raise InvalidParameter(
+            f"are_departures requires departures (x, y, departure) of the surface itself; got {what}"
+        )
+    if is_profile:
+        points = np.insert(points, 1, 0.0, axis=1)
+    if not is_profile:
+        check_distance(points, "the cloud")
+        is_profile = len(points) > 1 and is_line(points)
+        if are_departures and is_profile:
+            raise OmnimirrorError(
+                "departures must cover an area of the mirror; got points on one line; measure the "
+                "whole surface, or analyse a profile of points (x, z)"
+            )
+    fewest, what = (MIN_PROFILE_POINTS, "profile") if is_profile else (MIN_POINTS, "cloud")
+    if len(points) < fewest:
+        raise OmnimirrorError(f"the {what} must have at least {fewest} points; got {len(points)}")
+    if is_profile and order is not None:
+        raise InvalidParameter(f"order must be None for a profile; got {order}")
+    if not is_profile:
+        check_spread(points, "the cloud")
+    if are_departures:
+        points = _risen(mirror, points)
+        check_spread(points, "the cloud within the rim")
+    return points, what
 
 
 def _risen(mirror: Mirror, departures: Array) -> Array:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure
-from ...base.polynomials import noll
+from ...base.numerics import noll
 from ...base.typing import Array
 from .form_errors import FormError
 

@@ -17,11 +17,9 @@ from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result
 from ...base.typing import Array
 from ...optics.sensor import Sensor
-from .evaluator import TrialEvaluator
+from .evaluator import TrialEvaluator, is_lower_limit
 from .monte_carlo import YieldEstimate, check_limits, format_limit, simulate_trials
-from .perturbation import GRADES, error_sources
-from .requirement_merits import is_lower_limit
-from .tolerances import BLOCK, Tolerances
+from .tolerances import BLOCK, GRADES, Tolerances, error_sources
 
 DRAWS = 4096  # trials per step
 STEP = 0.1  # step of the logarithm of a tolerance

@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure
+from ...analysis.figures.style import GREY, INK, PAGE, PALETTE, new_figure, panels
 from ...base.escaping import escape_invisible, plot_text
 from .compensation import CALIBRATIONS, after
+from .evaluator import is_lower_limit
 from .monte_carlo import YieldStatistics
-from .requirement_merits import is_lower_limit
 from .sensitivity import ErrorSensitivity, VarianceDecomposition
 
 MAX_BARS = 24
@@ -26,13 +26,15 @@ MIN_BAR_FRACTION = 1e-4
 """Minimum bar length as a fraction of the longest bar on the logarithmic scale."""
 
 
-def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
+def plot_tornado(rows: Sequence[ErrorSensitivity], axes: Sequence[Axes] | None = None) -> Figure:
     """Plot the image motion of each error at its tolerance, and residuals after calibrations.
 
     Parameters
     ----------
     rows
         Effects of the errors.
+    axes
+        One panel; by default that of a new figure.
 
     Returns
     -------
@@ -40,8 +42,7 @@ def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
         Tornado chart, largest effect on top.
     """
     ranked = sorted(rows, key=lambda row: -row.merits["motion_px"])[:MAX_BARS]
-    figure = new_figure(PAGE * 0.8, 0.9 + ROW * len(ranked))
-    ax = figure.subplots()
+    figure, (ax,) = panels((PAGE * 0.8, 0.9 + ROW * len(ranked)), (1, 1), 1, axes)
     positions = np.arange(len(ranked))
     imaged = [("none", PALETTE[0], 0.8), ("affine", PALETTE[4], 0.5), ("pose", PALETTE[1], 0.22)]
     max_tolerances = (
@@ -65,6 +66,40 @@ def plot_tornado(rows: Sequence[ErrorSensitivity]) -> Figure:
     ax.grid(visible=False, axis="y")
     ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3)
     return figure
+
+
+def motion_curves(statistics: YieldStatistics, axes: Sequence[Axes] | None = None) -> Figure:
+    """Plot cumulative distributions of the image motion, as built and after calibrations.
+
+    Parameters
+    ----------
+    statistics
+        Statistics of the trials.
+    axes
+        One panel; by default that of a new figure.
+
+    Returns
+    -------
+    Figure
+        The first panel of :func:`curves`, with a legend.
+    """
+    figure, (ax,) = panels((PAGE * 0.6, HEIGHT), (1, 1), 1, axes)
+    _draw_motion(ax, statistics)
+    ax.set_ylim(0, 101)
+    ax.legend(frameon=False, loc="lower right")
+    return figure
+
+
+def _draw_motion(ax: Axes, statistics: YieldStatistics) -> None:
+    for depth, colour in zip(CALIBRATIONS, PALETTE, strict=False):
+        name = after("motion_px", depth)
+        values, fractions = statistics.curve(name)
+        label = "as built" if depth == "none" else depth
+        ax.plot(values, 100 * fractions, color=colour, label=label)
+        if name in statistics.limits:
+            ax.axvline(statistics.limits[name], color=colour, linewidth=0.8, linestyle=":")
+    ax.set(xscale="log", xlabel="maximum image motion, px", ylabel="sensors below, %")
+    ax.set_title("motion, as built and after calibration")
 
 
 def curves(statistics: YieldStatistics) -> Figure:
@@ -95,16 +130,7 @@ def curves(statistics: YieldStatistics) -> Figure:
             statistics,
             name,
         )
-    for depth, colour in zip(CALIBRATIONS, PALETTE, strict=False):
-        name = after("motion_px", depth)
-        values, fractions = statistics.curve(name)
-        motion.plot(
-            values, 100 * fractions, color=colour, label="as built" if depth == "none" else depth
-        )
-        if name in statistics.limits:
-            motion.axvline(statistics.limits[name], color=colour, linewidth=0.8, linestyle=":")
-    motion.set(xscale="log", xlabel="maximum image motion, px", ylabel="sensors below, %")
-    motion.set_title("motion, as built and after calibration")
+    _draw_motion(motion, statistics)
     blur.tick_params(labelleft=False)
     figure.legend(
         *motion.get_legend_handles_labels(), frameon=False, loc="outside lower center", ncols=5

@@ -16,10 +16,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...base.typing import Array
-from .object_field import RIM_MARGIN, Field
-from .perturbation import error_sources
 from .perturbed_states import Values
-from .trial_images import Refocus, TrialImages, largest_diameter
+from .tolerances import error_sources
+from .trial_images import RIM_MARGIN, Field, Refocus, TrialImages, largest_diameter
 
 Calibration = Literal["none", "principal-point", "affine", "pose", "radial"]
 CALIBRATIONS: tuple[Calibration, ...] = get_args(Calibration)

@@ -19,7 +19,7 @@ from ...optics.sensor import Sensor
 from ..body import Body
 from ..drawings.tables import form_rms_um
 from ..workshop import PartSpecification, Workshop
-from .perturbation import perturbed
+from .tolerances import perturbed
 
 LENGTHS_MM = (0.5, 3.0, 6.0, 30.0, 120.0, 400.0, 1000.0, 2000.0)
 GENERAL_MM = {

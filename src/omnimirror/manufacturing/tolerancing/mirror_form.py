@@ -17,11 +17,11 @@ import numpy as np
 
 from ...base.arguments import check_fields, number, validate_arguments
 from ...base.errors import InvalidParameter
-from ...base.polynomials import noll, zernike_terms, zernike_values
+from ...base.numerics import noll, zernike_terms, zernike_values
 from ...base.results import Columns, Result
 from ...base.typing import Array
 from ...optics.mirrors import Mirror
-from ...optics.mirrors.as_built import MAX_ORDER, TERMS, MirrorForm
+from ...optics.mirrors.mirror import MAX_ORDER, TERMS, MirrorForm
 from ...optics.sensor import Sensor
 from ..metrology.form_errors import FormError, form_error
 from ..metrology.readers import Unit, read_points

@@ -14,8 +14,7 @@ from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
 from .compensation import merit_names
-from .evaluator import TrialEvaluator
-from .requirement_merits import check_limit, is_lower_limit, is_requirement_merit
+from .evaluator import TrialEvaluator, check_limit, is_lower_limit, is_requirement_merit
 from .tolerances import BLOCK, Tolerances
 
 Progress = Callable[[int, int], None]

@@ -14,12 +14,11 @@ from typing import Any, cast
 import numpy as np
 
 from ...base.errors import InvalidParameter
-from ...base.polynomials import noll, zernike_powers, zernike_terms
+from ...base.numerics import noll, zernike_powers, zernike_terms
 from ...base.typing import Array
 from ...optics.lenses import Perspective
 from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
-from ...optics.mirrors.as_built import MAX_ORDER, MM_PER_UM, TERMS, SurfaceHeights
-from ...optics.mirrors.conics_and_aspheres import Conic
+from ...optics.mirrors.mirror import MAX_ORDER, MM_PER_UM, TERMS, Conic, SurfaceHeights
 from ...optics.sensor import Sensor
 from ...optics.thermal import Thermal
 
@@ -449,7 +448,7 @@ def _form(error: _Errors) -> Array:
 
 def _rotations(tilts_deg: Array) -> Array:
     """Return rotations (t, 3, 3) about X, then Y, as in
-    :class:`omnimirror.optics.mirrors.as_built.MirrorPose`.
+    :class:`omnimirror.optics.mirrors.mirror.MirrorPose`.
     """
     (cx, cy), (sx, sy) = np.cos(np.radians(tilts_deg)).T, np.sin(np.radians(tilts_deg)).T
     zero = np.zeros_like(cx)

@@ -26,10 +26,21 @@ from ...optics.lenses.lens import cos4
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import RayEndpoints
 from .compensation import Reference, fit_compensators
-from .object_field import RIM_MARGIN, STEP_DEG, Field, directions_of, field_at, images_within_rim
-from .perturbation import perturbed
 from .perturbed_states import States, Values, states_of
-from .trial_images import Refocus, TracedObjects, form_images, imaged_at, trace_objects
+from .tolerances import perturbed
+from .trial_images import (
+    RIM_MARGIN,
+    STEP_DEG,
+    Field,
+    Refocus,
+    TracedObjects,
+    directions_of,
+    field_at,
+    form_images,
+    imaged_at,
+    images_within_rim,
+    trace_objects,
+)
 
 SAG_NODES = 65
 

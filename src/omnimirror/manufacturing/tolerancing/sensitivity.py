@@ -27,11 +27,9 @@ from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
 from .compensation import CALIBRATIONS, OF_MOTION, after, motion
-from .evaluator import TrialEvaluator, image_motions
+from .evaluator import MeritRows, TrialEvaluator, image_motions, is_lower_limit
 from .monte_carlo import satisfies_limit
-from .perturbation import group_of
-from .requirement_merits import MeritRows, is_lower_limit
-from .tolerances import MIN_PROBABILITY, Tolerances
+from .tolerances import MIN_PROBABILITY, Tolerances, group_of
 from .trial_images import TrialImages, diameter_components, largest_diameter
 
 NODES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])

@@ -12,19 +12,17 @@ import numpy as np
 from ...base.arguments import instance, integer, validate_arguments
 from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result, record_of, table_of
-from ...design.evaluated_field import distances_mm
 from ...design.limits import Limit
+from ...design.requirement_check import distances_mm
 from ...design.requirements import Requirements
 from ...optics.sensor import Sensor
 from .allocation import Allocation, allocate, check_target_yield
-from .evaluator import TrialEvaluator
+from .evaluator import TrialEvaluator, is_lower_limit, merit_limits, select_requirement_merits
 from .monte_carlo import Progress, YieldStatistics, check_limits, check_trials, simulate_trials
-from .perturbation import perturbed
-from .requirement_merits import is_lower_limit, merit_limits, select_requirement_merits
 from .sensitivity import ErrorSensitivity, VarianceDecomposition, sensitivities, sobol_indices
 from .sweep import Sweep, SweepPlan, run_sweep
 from .tolerance_file import TolerancePlan
-from .tolerances import BLOCK, Tolerances
+from .tolerances import BLOCK, Tolerances, perturbed
 
 RANKED_BY = ("motion_px",)
 QUANTILES = (0.05, 0.5, 0.95, 0.99)
@@ -204,6 +202,7 @@ def tolerance(
     >>> report.statistics.yields.value
     1.0
     """
+    # More than 60 lines: one call for each part of the report, with up to 7 arguments.
     seed = integer("seed", seed)
     if isinstance(plan, Tolerances):
         plan = TolerancePlan(plan)

@@ -16,19 +16,26 @@ from ...base.errors import SpecError
 from ...base.escaping import line_comment
 from ...base.files import parse_json, parse_toml, read_text
 from ...base.project import schema_directive
+from ...base.toml_validation import SourceLocator, Table, check_entries, merge_tables, validated
 from ...design.limits import LIMITABLE
 from ...design.requirement_files import LimitTable, limit_of
-from ...optics.mirrors.as_built import MAX_ORDER, MirrorForm
+from ...optics.mirrors.mirror import MAX_ORDER, MirrorForm
 from ...optics.sensor import Sensor
-from ...optics.toml_validation import SourceLocator, Table, check_entries, merge_tables, validated
 from ..metrology.readers import Unit
 from .compensation import Calibration, merit_names
-from .evaluator import TrialEvaluator
+from .evaluator import MeritName, TrialEvaluator, merit_limits
 from .mirror_form import LOWEST_ORDER, RandomFigure, figure_tolerances, load_measured_form
 from .monte_carlo import check_limits
-from .perturbation import GRADES, MEASURED, check_name, error_sources, measured
-from .requirement_merits import MeritName, merit_limits
-from .tolerances import Distribution, Tolerance, Tolerances
+from .tolerances import (
+    GRADES,
+    MEASURED,
+    Distribution,
+    Tolerance,
+    Tolerances,
+    check_name,
+    error_sources,
+    measured,
+)
 from .trial_images import REFOCUS, Refocus
 
 FORMAT = 1
@@ -135,7 +142,7 @@ class TolerancePlan:
         Refocusing mode.
     objects
         Field range and number of objects, arguments of
-        :func:`omnimirror.manufacturing.tolerancing.object_field.field_of`.
+        :func:`omnimirror.manufacturing.tolerancing.trial_images.field_of`.
     max_tolerances
         Maximum tolerances for allocation by error source; those of the coarse grade by default.
 
@@ -442,7 +449,7 @@ def tolerance_template(sensor: Sensor, grade: str = "medium") -> str:
         Sensor of the tolerances.
     grade
         Manufacturing grade, one of
-        :data:`~omnimirror.manufacturing.tolerancing.perturbation.GRADES`.
+        :data:`~omnimirror.manufacturing.tolerancing.tolerances.GRADES`.
 
     Returns
     -------

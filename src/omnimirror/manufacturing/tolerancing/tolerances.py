@@ -1,20 +1,505 @@
-"""Tolerances, their distributions and correlations, and the random errors of trials."""
+"""Error sources of a sensor, their tolerances, distributions and correlations, and random errors of trials."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from ...base.arguments import check_fields, choice, format_value, number
+from ...analysis.operating_conditions import at_temperature
+from ...base.arguments import (
+    InvalidType,
+    check_fields,
+    choice,
+    format_value,
+    number,
+    validate_arguments,
+)
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from ...optics.mirrors.as_built import MirrorForm
+from ...optics.housing import Housing
+from ...optics.image_sensor import Imager
+from ...optics.lenses import Perspective
+from ...optics.mirrors import ConicAsphere, EvenPolynomial, Mirror
+from ...optics.mirrors.mirror import TERMS, Conic, MirrorForm, Sphere
 from ...optics.sensor import Sensor
-from .perturbation import MEASURED, check_name, error_sources, measured
+
+GRADES = ("coarse", "medium", "fine")
+"""Manufacturing grades: 3-D printing or filing, turning, diamond turning with centring."""
+
+
+@dataclass(frozen=True)
+class ErrorSource:
+    """Error source of a sensor.
+
+    Attributes
+    ----------
+    name
+        Name with component, parameter and unit, for example ``"mirror.decentre_x_mm"``.
+    unit
+        Unit for display.
+    meaning
+        One-line description.
+    typical_tolerances
+        Symmetric tolerance of each manufacturing grade.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    typical_tolerances: Mapping[str, float]
+
+
+def _kind(
+    name: str, unit: str, meaning: str, coarse: float, medium: float, fine: float
+) -> ErrorSource:
+    return ErrorSource(name, unit, meaning, dict(zip(GRADES, (coarse, medium, fine), strict=True)))
+
+
+_PLACE = (
+    _kind(
+        "mirror.decentre_x_mm",
+        "mm",
+        "decentre of the mirror, to the right in the image",
+        0.2,
+        0.05,
+        0.01,
+    ),
+    _kind(
+        "mirror.decentre_y_mm",
+        "mm",
+        "decentre of the mirror, downwards in the image",
+        0.2,
+        0.05,
+        0.01,
+    ),
+    _kind(
+        "mirror.displacement_mm",
+        "mm",
+        "displacement of the mirror away from the lens",
+        0.3,
+        0.1,
+        0.02,
+    ),
+    _kind("mirror.tilt_x_deg", "deg", "tilt of the mirror about the image X axis", 0.3, 0.1, 0.02),
+    _kind("mirror.tilt_y_deg", "deg", "tilt of the mirror about the image Y axis", 0.3, 0.1, 0.02),
+)
+_DISTORTION = (
+    _kind("lens.k1", "", "radial distortion, r^2", 0.02, 0.005, 0.001),
+    _kind("lens.k2", "", "radial distortion, r^4", 0.02, 0.005, 0.001),
+    _kind("lens.k3", "", "radial distortion, r^6", 0.02, 0.005, 0.001),
+    _kind("lens.p1", "", "tangential distortion", 0.002, 0.0005, 0.0001),
+    _kind("lens.p2", "", "tangential distortion", 0.002, 0.0005, 0.0001),
+)
+_IMAGER = (
+    _kind(
+        "imager.shift_x_px",
+        "px",
+        "principal point shifted to the right",
+        40.0,
+        20.0,
+        5.0,
+    ),
+    _kind("imager.shift_y_px", "px", "principal point shifted downwards", 40.0, 20.0, 5.0),
+    _kind("imager.rotation_deg", "deg", "rotation of the imager in its plane", 1.0, 0.5, 0.1),
+    _kind("imager.tilt_x_deg", "deg", "tilt of the imager about the image X axis", 0.5, 0.2, 0.05),
+    _kind("imager.tilt_y_deg", "deg", "tilt of the imager about the image Y axis", 0.5, 0.2, 0.05),
+    _kind("imager.pitch_ppm", "ppm", "relative increase of the pixel pitch", 50.0, 20.0, 5.0),
+)
+_SECONDARY = (
+    _kind(
+        "secondary.displacement_mm",
+        "mm",
+        "displacement of the secondary mirror away from the primary",
+        0.3,
+        0.1,
+        0.02,
+    ),
+)
+_WARMTH = (
+    _kind(
+        "temperature.warmer_k", "K", "temperature above the reference of [thermal]", 40.0, 20.0, 5.0
+    ),
+)
+FORM_SIZES = (5.0, 1.0, 0.15)
+"""RMS of each Zernike term by grade, um."""
+
+
+MEASURED = _kind("mirror.measured", "", "multiple of a measured form error", 1.0, 1.0, 1.0)
+
+
+def measured(name: str) -> str:
+    """Return the name of the error source of a measured form.
+
+    >>> measured("lathe")
+    'mirror.measured[lathe]'
+    """
+    return f"{MEASURED.name}[{name}]"
+
+
+RIGID_TERMS = frozenset(f"mirror.zernike_{j}_um" for j in range(1, 4))
+"""Piston and tilt: no tolerances apply to them, but a measured form may contain them."""
+
+
+def error_sources(sensor: Sensor) -> dict[str, ErrorSource]:
+    """Return the error sources of a sensor by name.
+
+    Parameters
+    ----------
+    sensor
+        Nominal sensor.
+
+    Returns
+    -------
+    dict
+        Error sources, those of the mirror first.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> [name for name in error_sources(om.load_sensor("paper-spherical")) if "radius" in name or "conic" in name]
+    ['mirror.vertex_radius_mm', 'mirror.conic']
+    """
+    lens, has_two = sensor.lens, sensor.secondary is not None
+    location = (
+        [kind for kind in _PLACE if kind.name == "mirror.displacement_mm"] if has_two else _PLACE
+    )
+    kinds = [
+        *location,
+        *(_SECONDARY if has_two else ()),
+        *_shape(sensor.mirror),
+        *(() if has_two else _form()),
+    ]
+    kinds += [
+        kind
+        for kind in (*_lens_sources(lens), *_DISTORTION)
+        if kind.name.partition(".")[2] in lens.PARAMETERS
+    ]
+    leans = isinstance(lens, Perspective)
+    kinds += [kind for kind in _IMAGER if leans or not kind.name.startswith("imager.tilt")]
+    kinds += [*_cover_sources(sensor), *(_WARMTH if sensor.thermal is not None else ())]
+    return {kind.name: kind for kind in kinds}
+
+
+def _shape(mirror: Any) -> list[ErrorSource]:
+    """Return errors of vertex radius, conic constant and coefficients of analytic mirrors."""
+    kinds = []
+    radius = (
+        mirror.vertex_radius
+        if isinstance(mirror, Conic)
+        else getattr(mirror, "vertex_radius_mm", None)
+    )
+    if radius is not None:
+        kinds += [
+            _kind(
+                "mirror.vertex_radius_mm",
+                "mm",
+                "vertex radius",
+                5e-3 * radius,
+                1e-3 * radius,
+                2e-4 * radius,
+            ),
+            _kind("mirror.conic", "", "conic constant", 0.02, 0.005, 0.001),
+        ]
+    if isinstance(mirror, EvenPolynomial | ConicAsphere):
+        for i, value in enumerate(mirror.coefficients):
+            size = abs(value) or 1e-6
+            description = f"coefficient {i} of the polynomial"
+            kinds.append(
+                _kind(
+                    f"mirror.coefficients[{i}]",
+                    "",
+                    description,
+                    1e-2 * size,
+                    2e-3 * size,
+                    4e-4 * size,
+                )
+            )
+    return kinds
+
+
+def _form() -> list[ErrorSource]:
+    description = "form error, Noll Zernike term {}, rms"
+    return [
+        _kind(f"mirror.zernike_{j}_um", "um", description.format(j), *FORM_SIZES)
+        for j in range(4, TERMS + 1)
+    ]
+
+
+def _lens_sources(lens: Any) -> list[ErrorSource]:
+    """Return errors of the lens parameters; tabulated lenses have only some of them."""
+
+    def size(name: str) -> float:
+        return abs(float(getattr(lens, name, None) or 1.0))
+
+    f, L0, F, Fw, mu = map(
+        size,
+        ("focal_length_mm", "focus_distance_mm", "f_number", "working_f_number", "magnification"),
+    )
+    return [
+        _kind("lens.focal_length_mm", "mm", "focal length", 0.03 * f, 0.01 * f, 0.002 * f),
+        _kind("lens.magnification", "", "magnification", 0.03 * mu, 0.01 * mu, 0.002 * mu),
+        _kind("lens.focus_distance_mm", "mm", "focus distance", 0.03 * L0, 0.01 * L0, 0.003 * L0),
+        _kind(
+            "lens.entrance_pupil_mm",
+            "mm",
+            "displacement of the entrance pupil towards the mirror",
+            0.5,
+            0.2,
+            0.05,
+        ),
+        _kind("lens.f_number", "", "F-number", 0.1 * F, 0.05 * F, 0.02 * F),
+        _kind("lens.working_f_number", "", "working F-number", 0.1 * Fw, 0.05 * Fw, 0.02 * Fw),
+    ]
+
+
+def _cover_sources(sensor: Sensor) -> list[ErrorSource]:
+    """Return errors of the tube, dome or window."""
+    if sensor.housing.shell is None:
+        return []
+    shell = sensor.obstructions.housing.shell
+    kinds = [
+        _kind("cover.wall_mm", "mm", "increase of the wall thickness, inwards", 0.3, 0.1, 0.02),
+        _kind("cover.diameter_mm", "mm", "increase of the cover diameter", 0.5, 0.2, 0.05),
+        _kind("cover.refractive_index", "", "refractive index of the wall", 2e-3, 1e-3, 5e-4),
+        _kind(
+            "cover.decentre_x_mm",
+            "mm",
+            "decentre of the cover, to the right in the image",
+            0.5,
+            0.2,
+            0.05,
+        ),
+        _kind(
+            "cover.decentre_y_mm",
+            "mm",
+            "decentre of the cover, downwards in the image",
+            0.5,
+            0.2,
+            0.05,
+        ),
+        _kind(
+            "cover.tilt_x_deg", "deg", "tilt of the cover about the image X axis", 0.5, 0.2, 0.05
+        ),
+        _kind(
+            "cover.tilt_y_deg", "deg", "tilt of the cover about the image Y axis", 0.5, 0.2, 0.05
+        ),
+        _kind("cover.centre_mm", "mm", "displacement of the dome upwards", 0.5, 0.2, 0.05),
+        _kind("cover.height_mm", "mm", "displacement of the window upwards", 0.5, 0.2, 0.05),
+        _kind(
+            "cover.inner_shift_mm",
+            "mm",
+            "displacement of the inner sphere of the dome relative to the outer",
+            0.1,
+            0.05,
+            0.01,
+        ),
+    ]
+    return [kind for kind in kinds if getattr(shell, kind.name.partition(".")[2], None) is not None]
+
+
+GROUPS = {
+    "mirror.decentre": "position of the mirror",
+    "mirror.displacement": "position of the mirror",
+    "mirror.tilt": "position of the mirror",
+    "mirror.zernike": "form of the mirror",
+    "mirror.measured": "form of the mirror",
+    "mirror.": "shape of the mirror",
+    "lens.k": "distortion",
+    "lens.p": "distortion",
+    "lens.": "lens",
+    "imager.": "imager",
+    "secondary.": "position of the secondary mirror",
+    "cover.": "cover",
+    "temperature.": "temperature",
+}
+"""Groups of error sources by prefix; the first matching prefix applies."""
+
+
+def group_of(name: str) -> str:
+    """Return the group of an error source.
+
+    >>> group_of("mirror.conic"), group_of("lens.k1")
+    ('shape of the mirror', 'distortion')
+    """
+    return next(group for start, group in GROUPS.items() if name.startswith(start))
+
+
+@validate_arguments
+def perturbed(sensor: Sensor, values: Mapping[str, float]) -> Sensor:
+    """Return a sensor with errors.
+
+    Parameters
+    ----------
+    sensor
+        Nominal sensor.
+    values
+        Errors by name, in their units.
+
+    Returns
+    -------
+    Sensor
+        Perturbed sensor, at the perturbed temperature.
+
+    Raises
+    ------
+    InvalidParameter
+        If the sensor does not have an error source, or the errors result in an invalid sensor.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> sensor = perturbed(om.load_sensor("paper-spherical"), {"mirror.decentre_x_mm": 0.1, "lens.k1": 0.01})
+    >>> sensor.mirror_pose.decentre_x_mm, sensor.lens.k1
+    (0.1, 0.01)
+    """
+    check_error_names(sensor, values)
+    lens = _perturbed_parameters(sensor.lens, "lens.", values)
+    built = replace(
+        sensor,
+        mirror=_shaped(sensor.mirror, values),
+        mirror_form=_formed(sensor.mirror_form, values),
+        lens=replace(cast(Any, sensor.lens), **lens),
+        imager=_placed(sensor.imager, values),
+        imager_pose=replace(
+            sensor.imager_pose, **_perturbed_parameters(sensor.imager_pose, "imager.", values)
+        ),
+        housing=_covered(sensor, values),
+        **_displaced_mirrors(sensor, values),
+    )
+    if warmer := values.get("temperature.warmer_k", 0.0):
+        assert sensor.thermal is not None, "temperature errors require a thermal model"
+        return at_temperature(built, sensor.thermal.reference_c + warmer)
+    return built
+
+
+def _perturbed_parameters(part: Any, start: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Return the perturbed parameters of a component."""
+    named = {
+        name.removeprefix(start): value for name, value in values.items() if name.startswith(start)
+    }
+    return {
+        name: getattr(part, name) + value
+        for name, value in named.items()
+        if value and name in part.PARAMETERS
+    }
+
+
+def _displaced_mirrors(sensor: Sensor, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return perturbed mirror positions; both displacements change the path of a folded sensor."""
+    if (second := sensor.secondary) is None:
+        return {
+            "mirror_pose": replace(
+                sensor.mirror_pose, **_perturbed_parameters(sensor.mirror_pose, "mirror.", values)
+            )
+        }
+    first, farther = (
+        values.get("mirror.displacement_mm", 0.0),
+        values.get("secondary.displacement_mm", 0.0),
+    )
+    return {
+        "secondary": replace(second, distance_mm=second.distance_mm + first + farther),
+        "mirror_distance_mm": sensor.mirror_distance_mm + first + 2 * farther,
+    }
+
+
+def _covered(sensor: Sensor, values: Mapping[str, float]) -> Housing:
+    """Return the housing with a perturbed cover, whose nominal dimensions are fitted to the nominal
+    sensor.
+    """
+    if sensor.housing.shell is None:
+        return sensor.housing
+    shell: Any = sensor.obstructions.housing.shell
+    if values.get("cover.refractive_index"):
+        shell = replace(shell, material=None, refractive_index=shell.index)
+    return replace(
+        sensor.housing, shell=replace(shell, **_perturbed_parameters(shell, "cover.", values))
+    )
+
+
+def _formed(form: MirrorForm, values: Mapping[str, float]) -> MirrorForm:
+    """Add form errors to the form of the mirror."""
+    amounts = dict(zip(form.zernike, form.um, strict=True))
+    for name, value in values.items():
+        if value and name.startswith("mirror.zernike"):
+            term = int(name.split("_")[1])
+            amounts[term] = amounts.get(term, 0.0) + value
+    return MirrorForm(tuple(amounts), tuple(amounts.values()))
+
+
+def _placed(imager: Imager, values: Mapping[str, float]) -> Imager:
+    """Return the imager with a shifted centre and a scaled pixel pitch."""
+    shift = [values.get(f"imager.shift_{axis}_px", 0.0) for axis in "xy"]
+    pitch = imager.pixel_pitch_um * (1 + 1e-6 * values.get("imager.pitch_ppm", 0.0))
+    if not any(shift):
+        return replace(imager, pixel_pitch_um=pitch)
+    (u, v), (x, y) = imager.centre, shift
+    return replace(imager, pixel_pitch_um=pitch, centre_px=(u + x, v + y))
+
+
+def _shaped(mirror: Any, values: Mapping[str, float]) -> Mirror:
+    """Return the mirror with shape errors."""
+    radius, conic = values.get("mirror.vertex_radius_mm", 0.0), values.get("mirror.conic", 0.0)
+    shaped: Mirror = mirror
+    if isinstance(mirror, EvenPolynomial | ConicAsphere):
+        new = tuple(
+            c + values.get(f"mirror.coefficients[{i}]", 0.0)
+            for i, c in enumerate(mirror.coefficients)
+        )
+        shaped = replace(mirror, coefficients=new)
+    if isinstance(shaped, ConicAsphere):
+        return replace(
+            shaped, vertex_radius_mm=shaped.vertex_radius_mm + radius, conic=shaped.conic + conic
+        )
+    if isinstance(mirror, Sphere) and not conic:
+        return replace(mirror, radius_mm=mirror.radius_mm + radius)
+    if isinstance(mirror, Conic) and (radius or conic):  # the perturbed shape is a general conic
+        return ConicAsphere(
+            mirror.vertex_radius + radius, mirror.conic + conic, mirror.rim_radius_mm
+        )
+    return shaped
+
+
+def check_error_names(sensor: Sensor, names: Iterable[str]) -> None:
+    """Raise an error for error sources that a sensor does not have."""
+    sources = error_sources(sensor)
+    for name in names:
+        if name not in RIGID_TERMS:
+            check_name(name, sources)
+
+
+NEEDED = {
+    "temperature.": "no [thermal] table",
+    "cover.": "no tube, dome or window in [housing]",
+    "secondary.": "no secondary mirror",
+    "imager.tilt": "a lens without a known exit pupil",
+}
+"""Missing component of sensors without the error sources of a prefix."""
+
+
+def check_name(name: str, sources: Mapping[str, ErrorSource]) -> None:
+    """Raise an error for an unknown error source, with similar names."""
+    if not isinstance(name, str):
+        raise InvalidType(f"error names must be strings; got {format_value(name)}")
+    if name not in sources:
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, sources, 3)
+        advice = (
+            f"did you mean {' or '.join(near)}?"
+            if near
+            else f"use {', '.join(list(sources)[:8])}, ..."
+        )
+        for start, needed in NEEDED.items():
+            if name.startswith(start) and not any(other.startswith(start) for other in sources):
+                advice = f"it has {needed}"
+        raise InvalidParameter(f"{name!r} is not an error source of this sensor; {advice}")
+
+
+# -- Tolerances ------------------------------------------------------------------------------------
 
 Distribution = Literal["uniform", "normal", "truncated-normal", "arcsine", "constant"]
 DISTRIBUTIONS: tuple[Distribution, ...] = get_args(Distribution)
@@ -115,7 +600,7 @@ class Tolerances:
         Nominal sensor.
     errors
         Tolerances by error source
-        (:func:`omnimirror.manufacturing.tolerancing.perturbation.error_sources`).
+        (:func:`omnimirror.manufacturing.tolerancing.tolerances.error_sources`).
     correlations
         Correlation coefficients of pairs of errors, between -1 and 1, of the underlying normal
         variables.
@@ -240,7 +725,7 @@ class Tolerances:
         Examples
         --------
         >>> import omnimirror as om
-        >>> forms = {"lathe": om.optics.mirrors.as_built.MirrorForm((5,), (0.3,))}
+        >>> forms = {"lathe": om.optics.mirrors.mirror.MirrorForm((5,), (0.3,))}
         >>> errors = {"mirror.measured[lathe]": Tolerance(1.0)}
         >>> tolerances = Tolerances(om.load_sensor("paper-spherical"), errors, forms=forms)
         >>> tolerances.expand_forms({"mirror.measured[lathe]": np.array([2.0])})

@@ -21,7 +21,7 @@ from ...base.typing import Array
 from ..housing import Housing
 from ..image_sensor import Imager
 from ..lenses import BlurMode, FieldLens, Lens, Orthographic, Perspective
-from ..mirrors.conics_and_aspheres import conic_profile
+from ..mirrors.mirror import conic_profile
 from ..sensor import Sensor
 from .best_focus import FOCUS_SEARCH, AreaModel, IdealAreas, RealAreas, best_vergences
 from .closed_forms import (

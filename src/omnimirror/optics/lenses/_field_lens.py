@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
-from ...base.root_finding import increasing_root
+from ...base.numerics import increasing_root
 from ...base.typing import Array
 from .lens import ChiefAim, EntrancePupil, GaussianLens
 

@@ -8,16 +8,6 @@ from typing import Any, TypeVar
 from ...base.arguments import InvalidType, format_value
 from ...base.errors import InvalidParameter
 from ...base.registry import Registry
-from .conics_and_aspheres import (
-    Cone,
-    ConicAsphere,
-    Ellipsoid,
-    EvenPolynomial,
-    Flat,
-    Hyperboloid,
-    Paraboloid,
-    Sphere,
-)
 from .mappings import (
     MAPPINGS,
     Conformal,
@@ -30,7 +20,19 @@ from .mappings import (
     TabulatedMapping,
     UnitAspect,
 )
-from .mirror import RIM_RADIUS, Mirror, Secondary
+from .mirror import (
+    RIM_RADIUS,
+    Cone,
+    ConicAsphere,
+    Ellipsoid,
+    EvenPolynomial,
+    Flat,
+    Hyperboloid,
+    Mirror,
+    Paraboloid,
+    Secondary,
+    Sphere,
+)
 from .splines import SampledProfile, SlopeSpline
 
 M = TypeVar("M", bound=Mirror)

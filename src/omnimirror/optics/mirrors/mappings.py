@@ -21,9 +21,8 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from .conics_and_aspheres import Hyperboloid, Paraboloid, conic_profile
 from .measured import MAPPING_FILE
-from .mirror import APEX, RIM_RADIUS, near_apex
+from .mirror import APEX, RIM_RADIUS, Hyperboloid, Paraboloid, conic_profile, near_apex
 from .prescribed_mapping import (
     OMEGA_MIN,
     THETA_MAX,

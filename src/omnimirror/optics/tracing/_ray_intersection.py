@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.root_finding import NEWTON_TOLERANCE
+from ...base.numerics import NEWTON_TOLERANCE
 from ...base.typing import Array, Mask
 from ..mirrors import Mirror
-from ..mirrors.conics_and_aspheres import Conic
+from ..mirrors.mirror import Conic
 from .meridian import ROUNDING
 
 # -- Clearance of rays at edges --------------------------------------------------------------------

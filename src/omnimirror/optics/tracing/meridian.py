@@ -25,7 +25,7 @@ from ...base.errors import (
     OutsideMirror,
     SelfObstruction,
 )
-from ...base.root_finding import increasing_root, sign_change
+from ...base.numerics import increasing_root, sign_change
 from ...base.typing import Array, Mask
 from ..housing import Dome, FlatWindow, Shell, Tube
 from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.root_finding import sign_change
+from ...base.numerics import sign_change
 from ...base.typing import Array, Mask
 from ..housing import TELECENTRIC_LENS_DISTANCE_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
-from ..mirrors.as_built import MirrorPose
+from ..mirrors.mirror import MirrorPose
 from ._ray_intersection import circle_clearance
 from .meridian import ChiefRays, Cover, Meridian
 

@@ -19,7 +19,7 @@ from ..housing import Shell, Tube
 from ..lenses import Lens
 from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary
-from ..mirrors.as_built import NO_FORM, MirrorForm, MirrorPose
+from ..mirrors.mirror import NO_FORM, MirrorForm, MirrorPose
 from . import reflection
 from ._ray_intersection import Reflections, circle_clearance, reflect, trace
 from .meridian import Cover, Meridian
@@ -244,7 +244,7 @@ class CoveredMirror:
     ``ends_mm`` are the heights of the tube's ends; rays that meet an end do not pass the wall.
 
     >>> from omnimirror.optics.mirrors import Sphere
-    >>> from omnimirror.optics.mirrors.as_built import MirrorPose
+    >>> from omnimirror.optics.mirrors.mirror import MirrorPose
     >>> mirror = PosedMirror(Sphere(50.0, 44.0), MirrorPose())
     >>> covered = CoveredMirror(mirror, Tube(120.0, medium="water"), (-180.0, 20.0), 180.0)
     >>> found = covered.trace(np.array([[0.0, 0.0, -180.0]]), np.array([[30.0, 0.0, 190.0]]))

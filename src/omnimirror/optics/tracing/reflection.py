@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.native import backend, kernel_array
-from ...base.root_finding import NEWTON_TOLERANCE
+from ...base.numerics import NEWTON_TOLERANCE
 from ...base.typing import Array, Mask
 from ..mirrors import Mirror
-from ..mirrors.as_built import NO_FORM, MirrorForm, SurfaceHeights
+from ..mirrors.mirror import NO_FORM, MirrorForm, SurfaceHeights
 from ._ray_intersection import LIFT, hollowness, intersect
 from .meridian import trace_chief_rays
 

@@ -11,7 +11,7 @@ from ...base.errors import InvalidParameter
 from ...base.native import backend, kernel_array
 from ...base.typing import Array, Mask
 from ..housing import FlatWindow, Shell, Tube
-from ..mirrors.as_built import MirrorPose
+from ..mirrors.mirror import MirrorPose
 
 AXIS = np.array([0.0, 0.0, 1.0])
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...base.caching import cached_property
 from ...base.errors import NotOneToOne, SelfObstruction
-from ...base.root_finding import NEWTON_TOLERANCE, increasing_root, sign_change
+from ...base.numerics import NEWTON_TOLERANCE, increasing_root, sign_change
 from ...base.typing import Array
 from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary

@@ -15,10 +15,9 @@ from ...base.colour import Light, linear_from_srgb
 from ...base.errors import InvalidParameter, MediaError, extra_remedy
 from ...base.files import check_file, open_file, parse_json, read_bytes
 from ...base.typing import Array
-from ...cameras.frames import rotate_vectors
+from ...cameras.camera import rotate_vectors
 from ._painting import Surroundings
-from .scene import Scene
-from .surfaces import Surfaces, Texture, combine_surfaces, facets, textured_triangles
+from .scene import Scene, Surfaces, Texture, combine_surfaces, facets, textured_triangles
 
 # -- Validation ------------------------------------------------------------------------------------
 

@@ -15,8 +15,7 @@ from ...base.caching import cached_property
 from ...base.colour import Light, hex_colour
 from ...base.errors import InvalidParameter
 from ...base.typing import Array
-from .scene import Scene
-from .surfaces import Box, Face, Surfaces, Texture, are_blocked, face_of, intersect_boxes
+from .scene import Box, Face, Scene, Surfaces, Texture, are_blocked, face_of, intersect_boxes
 
 # -- Lettering -------------------------------------------------------------------------------------
 

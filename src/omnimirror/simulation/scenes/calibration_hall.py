@@ -13,7 +13,7 @@ from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
 from ...base.typing import Array
-from ...cameras.frames import pan_tilt_direction, view_axes
+from ...cameras.camera import pan_tilt_direction, view_axes
 from ._painting import (
     Canvas,
     Paint,
@@ -23,7 +23,7 @@ from ._painting import (
     outer_faces,
     surfaces_of_faces,
 )
-from .surfaces import Box, Face, face_of, rays_inside
+from .scene import Box, Face, face_of, rays_inside
 
 # -- Checkerboards ---------------------------------------------------------------------------------
 

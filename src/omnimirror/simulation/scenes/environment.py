@@ -15,7 +15,7 @@ from ...base.colour import Light, linear_from_srgb
 from ...base.errors import InvalidParameter, MediaError
 from ...base.native import backend, kernel_array
 from ...base.typing import Array
-from ...cameras.frames import rotate_vectors
+from ...cameras.camera import rotate_vectors
 from ...dewarp.maps import PixelMap
 from ...dewarp.sampling import remap
 from ...io import read_image

@@ -15,11 +15,21 @@ from ...base.colour import Light, hex_colour
 from ...base.errors import InvalidParameter, MediaError, SpecError
 from ...base.files import read_tables
 from ...base.typing import Array
-from ...cameras.frames import rotate_vectors
+from ...cameras.camera import rotate_vectors
 from ...io.keyframes import Keyframes, keyframes_of
 from ._painting import PaintedScene, Surroundings, surfaces_of_faces
-from .scene import POSE_NAMES, Pose, Scene, distances_mm
-from .surfaces import FACES, TINY, Box, Face, face_of, merge_surfaces
+from .scene import (
+    FACES,
+    POSE_NAMES,
+    TINY,
+    Box,
+    Face,
+    Pose,
+    Scene,
+    distances_mm,
+    face_of,
+    merge_surfaces,
+)
 
 SHADES = np.array([0.75, 0.55, 1.0])
 """Brightness of sides, fronts and tops, to make them distinguishable."""

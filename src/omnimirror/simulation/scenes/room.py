@@ -29,7 +29,7 @@ from ._painting import (
     outer_faces,
     surfaces_of_faces,
 )
-from .surfaces import FACES, Box, Face, face_of, intersect_boxes, rays_inside
+from .scene import FACES, Box, Face, face_of, intersect_boxes, rays_inside
 
 # -- Decoration ------------------------------------------------------------------------------------
 #

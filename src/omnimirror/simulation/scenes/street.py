@@ -25,8 +25,7 @@ from ._painting import (
     surfaces_of_faces,
     under_sky,
 )
-from .scene import rays_from
-from .surfaces import Box, Face, combine_surfaces, face_of, tree_crown
+from .scene import Box, Face, combine_surfaces, face_of, rays_from, tree_crown
 
 # -- Decoration ------------------------------------------------------------------------------------
 

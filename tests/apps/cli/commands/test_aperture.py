@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.optics.mirrors.as_built import MirrorPose
+from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.commands import fails, omnimirror
 
 

@@ -225,7 +225,7 @@ def test_interrupted_search_is_resumed(tmp_path):
         "worst_blur_deg",
         starts=run_count + 1,
         resume=tmp_path / "search.json",
-        on_progress=progress.append,
+        on_iteration=progress.append,
     )
     assert {p.run for p in progress} == {run_count}
 

@@ -11,7 +11,7 @@ import omnimirror as om
 from omnimirror.base.errors import OmnimirrorWarning
 from omnimirror.dewarp.restoration.blur_model import blur_sizes
 from omnimirror.dewarp.restoration.focus_bracketing import focused_at
-from omnimirror.io.exif import exposure_of, parse_exif
+from omnimirror.io.image_metadata import exposure_of, parse_exif
 from omnimirror.optics.image_sensor import Imager
 from tests.commands import omnimirror
 

@@ -25,7 +25,7 @@ const bare = (radius: number, constant: number): Mirror => ({
   first: 2,
 });
 
-/** Conversions of optics/mirrors/conics_and_aspheres.py. */
+/** Conversions of optics/mirrors/mirror.py. */
 const MIRRORS: Record<string, (table: Tables) => Mirror> = {
   sphere: (t) => bare(number(t, "radius_mm"), 0),
   paraboloid: (t) => bare(number(t, "vertex_radius_mm"), -1),

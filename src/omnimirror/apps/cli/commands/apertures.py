@@ -11,7 +11,7 @@ import numpy as np
 
 from ....base.files import write_json
 from ....design.component_selection import BestAperture, best_apertures
-from ....design.ranges import Range
+from ....design.requirements import Range
 from ....optics.lenses import BlurMode
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import load_sensor

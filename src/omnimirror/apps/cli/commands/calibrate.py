@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ from ....base.arguments import format_value, parse_float
 from ....base.errors import OmnimirrorError
 from ....base.escaping import shell_command
 from ....base.files import is_stream
+from ....base.logs import OnProgress, forward_steps
 from ....calibration.estimation import (
     Calibration,
     Prior,
@@ -32,7 +33,7 @@ from ....calibration.sensor_model import SensorModel
 from ....calibration.straight_edges import read_line_points
 from ....calibration.targets import Board, Detection, select_frames
 from ....calibration.targets.board_detection import find_boards
-from ....cameras.frames import CameraLooks, Mount
+from ....cameras.camera import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
 from ....dewarp.request import is_video
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
@@ -356,11 +357,12 @@ def _detect_boards(
 
 
 @contextmanager
-def _steps(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """Show a progress bar with description and percentage, and yield its update function."""
+def _steps(console: Console) -> Iterator[OnProgress]:
+    """Show a progress bar with the current step and percentage, and yield its update function."""
     with progress_bar(console) as bar:
-        task = bar.add_task("Calibrating", total=1.0)
-        yield lambda step, fraction: bar.update(task, description=step, completed=fraction)
+        task = bar.add_task("Calibrating", total=None)
+        with forward_steps(lambda step: bar.update(task, description=step)):
+            yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _write(

@@ -13,7 +13,7 @@ from rich.table import Table
 from ....base.files import write_json
 from ....calibration.conversion import Conversion, convert
 from ....calibration.formats import FORMATS
-from ....cameras.frames import CameraLooks, Mount
+from ....cameras.camera import CameraLooks, Mount
 from ....cameras.models.camera_model import Optics
 from .._declarations import (
     NUMBER,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ....base.logs import forward_steps
 from ....optics.sensor_files import load_sensor
 from .._declarations import SENSOR, DocumentedCommand
 from .._output import output_console, print_line
@@ -39,11 +40,17 @@ def command(sensor: str, folder: Path, blur: bool) -> None:
     from ...reports import write_demo
 
     console = output_console()
-    with console.status("Evaluating") as status:
+    step = "Evaluating"
+
+    def on_step(name: str) -> None:
+        nonlocal step
+        step = name
+
+    with console.status(step) as status, forward_steps(on_step):
         report = write_demo(
             load_sensor(sensor),
             folder,
             blur=blur,
-            on_progress=lambda step, fraction: status.update(f"{step}: {fraction:.0%}"),
+            on_progress=lambda done, total: status.update(f"{step}: {done} %"),
         )
     print_line(f"Wrote {report.resolve()}", console=console)

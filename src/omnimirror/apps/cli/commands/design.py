@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ....base.files import write_json
+from ....base.logs import forward_steps
 from ....base.quantities import QUANTITIES
 from ....design.catalogue import Component
 from ....design.designer import Design, design_sensor
@@ -73,13 +74,15 @@ def design_with_catalogue(
     json_file: Path | None,
 ) -> NoReturn:
     """Design with off-the-shelf parts, print the result, write the cheapest design, and exit."""
-    with console.status("Designing") as status:
+    with (
+        console.status("Designing") as status,
+        forward_steps(lambda step: status.update(f"Designing: {step}"), "omnimirror.design"),
+    ):
         search = design_from_parts(
             requirements,
             max_designs=catalogue.max_designs,
             front=catalogue.price_front,
             processes=catalogue.processes,
-            on_step=lambda message: status.update(f"Designing: {message}"),
         )
     if search.found:
         console.print(_parts_table(search.found))
@@ -299,6 +302,7 @@ def command(
 
     For infeasible requirements, the necessary relaxations are printed, and the exit code is 3.
     """
+    # More than 60 lines: the options of the command and its dispatch by request.
     if merits:
         options = replace(options, optimise=merits[0])
     loaded = options.requirements(requirements, changes)
@@ -332,10 +336,12 @@ def command(
         is_complete = design.optimum is None or design.optimum.is_complete
         is_complete = is_complete and (design.conflict is None or design.conflict.is_complete)
     else:
-        with console.status("Designing") as status:
+        with (
+            console.status("Designing") as status,
+            forward_steps(lambda step: status.update(f"Designing: {step}"), "omnimirror.design"),
+        ):
             design = design_sensor(
                 loaded,
-                lambda message: status.update(f"Designing: {message}"),
                 on_design=lambda design: _write(console, design, out, json_file),
             )
         is_complete = design.conflict is None or design.conflict.is_complete
@@ -399,19 +405,21 @@ def _optimised(
         task = bar.add_task("", total=starts * len(counts))
         for i, count in enumerate(counts):
 
-            def on_progress(p: Progress, i: int = i) -> None:
+            def on_iteration(p: Progress, i: int = i) -> None:
                 bar.update(
                     task,
                     completed=i * starts + p.run,
                     description=f"{requirements.mirror.optimise} {p.value:.5g}",
                 )
 
-            designs[count] = design_sensor(
-                requirements.changed(shape=f"{shape.partition(':')[0]}:{count}"),
-                lambda message: bar.update(task, description=message),
-                search=settings.search(on_progress),
-                on_design=on_design if len(counts) == 1 else None,
-            )
+            with forward_steps(
+                lambda step: bar.update(task, description=step), "omnimirror.design"
+            ):
+                designs[count] = design_sensor(
+                    requirements.changed(shape=f"{shape.partition(':')[0]}:{count}"),
+                    search=settings.search(on_iteration),
+                    on_design=on_design if len(counts) == 1 else None,
+                )
     optimum = min(designs.values(), key=lambda d: d.optimum.value if d.optimum else float("inf"))
     if len(counts) > 1:
         print_convergence(console, designs)

@@ -278,6 +278,7 @@ def command(
     """Dewarp (undistort) each SOURCE with the camera of --sensor, --ball or --auto: an image, a
     folder, a pattern of files, a video, a stream, or a ROS bag.
     """
+    # More than 60 lines: the options of the command and its dispatch by kind of input.
     outputs, kind = _split_format(outputs)
     auto.check(camera)
     for options in (view, images):

@@ -12,18 +12,17 @@ from rich.console import Console
 
 from ....analysis.camera_evaluation import CameraMapping, evaluate_camera
 from ....analysis.evaluation import READ_COLUMNS, Evaluation, evaluate
-from ....analysis.focus import FOCUS_MERITS, best_focus
-from ....analysis.meridional_imaging import best_viewpoint
+from ....analysis.focus import FOCUS_MERITS, best_focus, best_viewpoint
 from ....analysis.operating_conditions import at_temperature, thermal_motion_px
 from ....base.escaping import shell_command
 from ....base.quantities import QUANTITIES
+from ....base.toml_validation import SourceLocator, merge_tables
 from ....base.typing import Array
 from ....calibration.sensor_model import SensorModel
 from ....optics.lenses import BlurMode, SurfaceLens
 from ....optics.mirrors import Cone, SampledProfile
 from ....optics.sensor import Sensor
 from ....optics.sensor_files import SENSOR_ENTRIES, lens_of, load_camera
-from ....optics.toml_validation import SourceLocator, merge_tables
 from ....optics.tracing.obscuration import obscuration_summary
 from .._declarations import (
     NUMBER,

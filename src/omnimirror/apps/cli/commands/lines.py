@@ -18,7 +18,7 @@ from ....calibration.levelling import Level
 from ....calibration.plumb_lines import PlumbLineCalibration, calibrate_plumb_lines, draw_edges
 from ....calibration.rim import MIN_CONFIDENCE, check_image_sizes, detect_mirror_outline
 from ....calibration.straight_edges import DEFAULT_IMAGE_NAME, read_line_points
-from ....cameras.frames import CameraLooks, Mount
+from ....cameras.camera import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
 from ....io import write_image
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs

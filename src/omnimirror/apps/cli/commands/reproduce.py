@@ -58,17 +58,20 @@ def command(
     The exit code is 1 if a verdict differs from the known one.
     """
     from ....base.errors import ReproductionError
+    from ....base.logs import forward_steps
     from ...reproduction import _claims, reproduce_paper
 
     console = output_console()
-    with console.status("Computing") as status:
+    with (
+        console.status("Computing") as status,
+        forward_steps(lambda step: status.update(f"Computing {step}")),
+    ):
         result = reproduce_paper(
             folder,
             figures=figures,
             only=only or None,
             formats=formats,
             style=style,
-            on_progress=lambda step: status.update(f"Computing {step}"),
         )
     console.print(_claims.terminal_table(result.rows))
     console.print(_claims.summary(result.rows), highlight=False, soft_wrap=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -256,9 +257,9 @@ def _render_video(
     done = 0
     with count_bar("Rendering frames") as progress:
 
-        def on_frame(frame: Any, total: int) -> None:
+        def on_progress(count: int, total: int) -> None:
             nonlocal done
-            done = frame.number + 1
+            done = count
             progress(done, total)
 
         try:
@@ -275,7 +276,7 @@ def _render_video(
                 radiometry=rendering.radiometry(),
                 detector=rendering.detector(),
                 seed=rendering.seed,
-                on_frame=on_frame,
+                on_progress=on_progress,
             )
         except KeyboardInterrupt:
             _report_interruption(output, done, "frames")
@@ -437,23 +438,24 @@ def _new_recipe(
 def _write_calibration_dataset(output: Path, recipe: CalibrationRecipe) -> None:
     from ....simulation.datasets import write_calibration_dataset
 
-    views, done = recipe.views, 0
-    with count_bar("Rendering images") as progress:
-        try:
-            for number, _ in enumerate(write_calibration_dataset(recipe, output), start=1):
-                done = min(number, views)
-                progress(done, views)
-        except KeyboardInterrupt:
-            _report_interruption(output, done, "images")
-            raise
+    with _reported(output, "images") as on_progress:
+        views = write_calibration_dataset(recipe, output, on_progress=on_progress)
     print_line(f"{output}: {views} images, sensor.toml and dataset.json")
 
 
 def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
     from ....simulation.datasets import write_video_dataset
 
+    with _reported(output, "frames") as on_progress:
+        frames = write_video_dataset(recipe, output, on_progress=on_progress)
+    print_line(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
+
+
+@contextmanager
+def _reported(output: Path, noun: str) -> Iterator[Callable[[int, int], None]]:
+    """Show the progress of a dataset, and report the finished images after an interruption."""
     done = 0
-    with count_bar("Rendering frames") as progress:
+    with count_bar(f"Rendering {noun}") as progress:
 
         def report(number: int, total: int) -> None:
             nonlocal done
@@ -461,11 +463,10 @@ def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
             progress(number, total)
 
         try:
-            frames = write_video_dataset(recipe, output, on_progress=report)
+            yield report
         except KeyboardInterrupt:
-            _report_interruption(output, done, "frames")
+            _report_interruption(output, done, noun)
             raise
-    print_line(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
 
 
 @dataclass(frozen=True)

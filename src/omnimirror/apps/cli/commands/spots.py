@@ -104,8 +104,7 @@ def command(
         from ....analysis.figures import save_figure
         from ....analysis.figures.aperture import spot_matrix
 
-        airy = camera.lens.airy_diameter() / camera.imager.pitch_mm
-        print_written(save_figure(spot_matrix(result, airy), output), console=console)
+        print_written(save_figure(spot_matrix(result), output), console=console)
 
 
 def _print_spots(console: Console, result: Spots) -> None:

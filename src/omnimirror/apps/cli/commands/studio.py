@@ -123,7 +123,7 @@ def _write_page(path: Path) -> None:
     with progress_bar(Console(stderr=True, quiet=is_quiet())) as bar:
         task = bar.add_task("Simulating rooms", total=None)
         text = standalone_page(
-            progress=lambda done, all_: bar.update(task, completed=done, total=all_)
+            on_progress=lambda done, all_: bar.update(task, completed=done, total=all_)
         )
     write_text(path, text)
     print_line(

@@ -15,9 +15,8 @@ from ....base.escaping import shell_command
 from ....base.files import display_name, is_stream, write_json, write_text
 from ....design.requirement_files import load_requirements
 from ....manufacturing.tolerancing.compensation import CALIBRATIONS, after
+from ....manufacturing.tolerancing.evaluator import is_lower_limit, is_requirement_merit
 from ....manufacturing.tolerancing.monte_carlo import format_motion
-from ....manufacturing.tolerancing.perturbation import GRADES
-from ....manufacturing.tolerancing.requirement_merits import is_lower_limit, is_requirement_merit
 from ....manufacturing.tolerancing.sweep import SHARD_TRIALS, Sweep
 from ....manufacturing.tolerancing.tolerance_analysis import (
     ToleranceReport,
@@ -31,6 +30,7 @@ from ....manufacturing.tolerancing.tolerance_file import (
     load_tolerances,
     tolerance_template,
 )
+from ....manufacturing.tolerancing.tolerances import GRADES
 from ....optics.sensor_files import load_sensor
 from .._declarations import (
     NUMBER,
@@ -177,6 +177,7 @@ def command(
 
     omnimirror tolerance init SENSOR writes a commented tolerance file.
     """
+    # More than 60 lines: the options of the command, then one call each of analysis, report and output.
     if sensor == INIT:
         return _init(tolerances, grade, out)
     if tolerances is None:

@@ -18,10 +18,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from ..base.arguments import format_value
-from ..base.errors import OmnimirrorError, SpecError, abbreviate
-from ..base.parameters import Parameter
-from ..cameras.frames import CameraLooks
+from .arguments import format_value
+from .errors import OmnimirrorError, SpecError, abbreviate
+from .parameters import Parameter
 
 T = typing.TypeVar("T")
 
@@ -33,20 +32,6 @@ class Table(BaseModel):
 
 
 M = typing.TypeVar("M", bound=Table)
-
-
-class MountTable(Table):
-    """Orientation of a sensor: optical axis, pitch and roll."""
-
-    camera_looks: CameraLooks = "up"
-    forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
-    image_flipped: bool = False
-    pitch_deg: Annotated[
-        float, Field(ge=-90, le=90, description="elevation of the forward direction")
-    ] = 0.0
-    roll_deg: Annotated[
-        float, Field(ge=-180, le=180, description="clockwise rotation about the forward direction")
-    ] = 0.0
 
 
 @cache
