@@ -142,7 +142,8 @@ bench: $(VENV)/.full  ## Run the benchmarks; write tables to out/benchmarks
 	$(BIN)/python benchmarks/dewarping_rate.py -o out/benchmarks $(if $(IMAGE),--image $(IMAGE))
 	$(BIN)/python benchmarks/moving_views.py -o out/benchmarks $(if $(IMAGE),--image $(IMAGE))
 	$(BIN)/python benchmarks/page_load.py -o out/benchmarks
-	$(BIN)/python benchmarks/first_minutes.py -o out/benchmarks
+	$(BIN)/python benchmarks/user_tasks.py -o out/benchmarks
+	$(BIN)/python benchmarks/first_minutes.py -o out/benchmarks $(if $(DATA),--photographs $(DATA))
 
 bench-page: bench  ## Run the benchmarks and insert the tables into docs/benchmarks.md
 	$(BIN)/python benchmarks/update_tables.py --tables out/benchmarks

@@ -29,6 +29,7 @@ LONG_FUNCTIONS = {
     "calibrate_camera",
     "design_from_parts",
     "design_sensor",
+    "detect_mirror_outline",
     "dewarp_bag",
     "dewarp_images",
     "dewarp_video",

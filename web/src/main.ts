@@ -27,9 +27,9 @@ function watchServer(look: Look, tabs: Tabs): void {
       if (document.visibilityState === "visible") {
         const there = await api.isThere();
         banner(there ? null : SERVER_UNAVAILABLE, "server");
+        if (there && (wasAway || look.sensor.camera)) await look.resume().catch(fail); // an outage can be shorter than the interval
         if (there && wasAway) {
           say("The server is available again.");
-          if (!look.sensor.camera) await look.begin().catch(fail);
           tabs.show();
         }
         wasAway = !there;

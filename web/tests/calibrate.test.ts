@@ -99,6 +99,7 @@ test("a rim is the middle of those that are sure, if most are", () => {
     radius_px,
     confidence: is_reliable ? 0.9 : 0.2,
     is_reliable,
+    image_size: [640, 480],
   });
   expect(rimOf([rim(320, 220), rim(322, 224), rim(900, 20, false)])).toEqual({
     centre: [321, 100],

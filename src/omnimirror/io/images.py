@@ -86,7 +86,8 @@ MAX_DECODED_BYTES = 2 << 30
 JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 RADIANCE_SIZE = re.compile(rb"\n[-+][XY] +(\d+) +[-+][XY] +(\d+)\n")
 TIFF_BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">", b"II+\0": "<", b"MM\0+": ">"}
-TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_SAMPLES = 256, 257, 258, 277
+TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_COLOURS, TAG_SAMPLES = 256, 257, 258, 262, 277
+TIFF_PALETTE = 3  # expanded to colours
 TIFF_NUMBERS = {3: "H", 4: "I", 16: "Q"}
 PILLOW_FORMATS = ("BMP", "GIF", "WEBP", "PPM", "JPEG2000", "AVIF")
 
@@ -150,7 +151,7 @@ def _tiff_bytes(data: bytes) -> int:
         entry = at + head + size * i
         tag, kind, length = struct.unpack_from(order + ("HHQ" if is_big else "HHI"), data, entry)
         if (
-            tag in (TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_SAMPLES)
+            tag in (TAG_WIDTH, TAG_HEIGHT, TAG_BITS, TAG_COLOURS, TAG_SAMPLES)
             and kind in TIFF_NUMBERS
             and 1 <= length <= 64
         ):
@@ -161,6 +162,8 @@ def _tiff_bytes(data: bytes) -> int:
             tags[tag] = numbers.unpack_from(data, offset)
     depth = max(tags.get(TAG_BITS, (1,)))
     (channels,) = tags.get(TAG_SAMPLES, (1,))[:1]
+    if tags.get(TAG_COLOURS) == (TIFF_PALETTE,):
+        channels = 4
     return tags[TAG_WIDTH][0] * tags[TAG_HEIGHT][0] * channels * max(1, -(-depth // 8))
 
 
@@ -406,7 +409,7 @@ def decoded(path: str | Path, data: bytes) -> Image:
     except cv2.error as e:
         raise MediaError(f"cannot read the image {path}: {_reason(e)}") from None
     if image is None:
-        raise MediaError(_decoding_failure(path, data))
+        raise MediaError(decoding_failure(path, data))
     if image.dtype.name not in OPAQUE:
         raise MediaError(
             f"the image {path} must have {', '.join(OPAQUE)} values; got {image.dtype.name}"
@@ -414,7 +417,7 @@ def decoded(path: str | Path, data: bytes) -> Image:
     return _swap_red_blue(image)
 
 
-def _decoding_failure(path: str | Path, data: bytes) -> str:
+def decoding_failure(path: str | Path, data: bytes) -> str:
     """Return the reason for a decoding failure, with a remedy for common formats."""
     if data[4:8] == b"ftyp" and any(brand in data[8:64] for brand in HEIC_BRANDS):
         return (

@@ -60,11 +60,21 @@ def chromium() -> str:
     return path
 
 
-def open_page(browser, url: str, width: int = 400, height: int = 400, script: str = "", **options):
+def open_page(
+    browser,
+    url: str,
+    width: int = 400,
+    height: int = 400,
+    script: str = "",
+    *,
+    asks: bool = False,
+    **options,
+):
     """Return a page after its first drawing, if its address has content; page errors fail the test
     that closes it.
 
-    ``script`` runs before the scripts of the page, also after each reload.
+    ``script`` runs before the scripts of the page, also after each reload. ``asks`` enables the
+    question for the mirror type of new images.
     """
     # The page policy forbids eval, which waiting for functions requires; the policy is covered by a
     # separate test.
@@ -77,7 +87,14 @@ def open_page(browser, url: str, width: int = 400, height: int = 400, script: st
     page.on("pageerror", lambda e: page.problems.append(str(e)))
     page.goto(url)
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
+    if not asks:
+        page.evaluate("window.omnimirror.look.first.known()")
     return page
+
+
+def cancel_fit(page) -> None:
+    """Wait for the question about an uncertain outline, and cancel it."""
+    page.locator("#fit").get_by_role("button", name="Cancel").click()
 
 
 def drop(page, path: Path) -> None:

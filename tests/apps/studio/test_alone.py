@@ -62,18 +62,20 @@ def test_page_without_server_requests_camera_type_and_hides_server_functions(
     browser, address, tmp_path
 ):
     write_image(tmp_path / "mine.png", np.full((300, 400, 3), 90, np.uint8))
-    page = open_page(browser, address)
+    page = open_page(browser, address, asks=True)
     for name in ("Calibrate", "Restore", "Detect circle", "Find level", "Load…"):
         assert not page.get_by_role("button", name=name, exact=True).is_visible(), name
-    assert page.get_by_text("require the installed program").is_visible()
     drop(page, tmp_path / "mine.png")
-    page.get_by_role("button", name="A mirror dome").click()
+    page.get_by_text("The circle is assumed; drag").wait_for()
+    page.get_by_role("button", name="Done").click()
+    page.get_by_role("button", name="Mirror dome").click()
     page.wait_for_function("window.omnimirror.look.sensor.camera.model.id === 'ball:260'")
-    assert page.get_by_text("is assumed: fit the circle").is_visible()
     page.get_by_role("button", name="Fit circle").click()
+    assert page.get_by_text("require the installed program").is_visible()
     page.get_by_label("Radius").fill("120")
     page.get_by_label("Radius").press("Enter")
     page.wait_for_function("window.omnimirror.look.camera.circle.radius === 120")
+    page.get_by_role("button", name="Done").click()
     assert page.locator("#view").is_visible()
     assert page.problems == []
     page.context.close()

@@ -21,18 +21,19 @@ def show_start(page, folder) -> None:
     page.get_by_role("button", name="Try the demo room").wait_for()
 
 
-def drop_image(page, folder) -> None:
-    drop(page, folder / "waves.png")
-    page.locator("#ask").wait_for(state="visible")
-
-
 def fit_by_hand(page, folder) -> None:
-    page.get_by_role("button", name="Fit it manually").click()
+    drop(page, folder / "waves.png")
+    page.get_by_text("Is this the edge of the mirror?").wait_for()
     page.wait_for_selector("#overlay .handle")
 
 
+def select_mirror_type(page, folder) -> None:
+    page.get_by_role("button", name="Done").click()
+    page.locator("#ask").wait_for(state="visible")
+
+
 def show_side_by_side(page, folder) -> None:
-    page.get_by_role("button", name="Fit circle").click()
+    page.locator("#ask").get_by_role("button", name="Cancel").click()
     set_state(page, beside=True, fit="whole")
 
 
@@ -69,8 +70,8 @@ def open_calibration(page, folder) -> None:
 
 STATES = (
     show_start,
-    drop_image,
     fit_by_hand,
+    select_mirror_type,
     show_side_by_side,
     show_all_views,
     show_help,
@@ -88,7 +89,13 @@ def test_accessibility_of_all_states(scheme, size, browser, server, tmp_path):
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
     write_image(tmp_path / "waves.png", pattern((500, 400)))
     page = open_page(
-        browser, server, *size, color_scheme=scheme, reduced_motion="reduce", device_scale_factor=1
+        browser,
+        server,
+        *size,
+        asks=True,
+        color_scheme=scheme,
+        reduced_motion="reduce",
+        device_scale_factor=1,
     )
     page.evaluate(WITHOUT_IMAGES)
     page.add_script_tag(path=AXE)

@@ -94,7 +94,7 @@ FRAMED_BODIES: dict[str, Any] = {
     "/api/calibrate/straight": {"camera_file": "", "pose": POSE, "name": "a.png"},
 }
 """Messages that precede a file in the body."""
-FILES = {"/api/sensors", "/api/bench/open", "/api/convert", "/api/rim", "/api/calibrate/look"}
+FILES = {"/api/sensors", "/api/bench/open", "/api/convert", "/api/outline", "/api/calibrate/look"}
 """Routes whose body is a file."""
 SOCKETS: dict[str, Any] = {
     "/api/bench/ask": {

@@ -390,7 +390,7 @@ def test_images_are_limited_by_bytes_in_memory(suffix, pixel, monkeypatch):
     def file(rows: int) -> bytes:
         return cv2.imencode(suffix, np.tile(pixel, (rows, 40, 1)))[1].tobytes()
 
-    assert _uploads.browser_image(file(30), "fits").startswith(b"\x89PNG")
+    assert _uploads.browser_image(file(30), "fits")[0].startswith(b"\x89PNG")
     with pytest.raises(MediaError, match=r"the decoded pixels of .* must take at most"):
         _uploads.browser_image(file(31), "large")
 
@@ -412,7 +412,7 @@ def test_small_file_of_huge_image_needs_little_memory():
     )
     tables = struct.pack("<3H2x", 16, 16, 16) + struct.pack(f"<{side}I", *[lists] * side)
     tables += struct.pack(f"<{side}I", *[len(row)] * side)
-    with pytest.raises(MediaError, match=r"decoded pixels of .* must take at most 256 MB"):
+    with pytest.raises(MediaError, match=r"decoded pixels of .* must take at most 512 MB"):
         _uploads.browser_image(head + tags + tables + row, "bomb.tif")
 
 
@@ -443,7 +443,7 @@ def test_names_of_uploads_are_escaped(name, safe):
     assert _uploads.safe_name(name) == safe
 
 
-@pytest.mark.parametrize("kind", list(_uploads.KINDS))
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "TIFF", "WEBP", "BMP", "GIF", "PPM"])
 @pytest.mark.parametrize("mode", ["L", "RGB", "P"])
 def test_images_of_every_kind_are_limited_by_pillow_header(kind, mode, monkeypatch):
     """Files written by Pillow: a palette counts as four channels, PPM as 16 bits, all others as
@@ -465,10 +465,10 @@ def test_images_of_every_kind_are_limited_by_pillow_header(kind, mode, monkeypat
 
 def test_invalid_images_are_reported_with_valid_kinds():
     with pytest.raises(
-        MediaError, match=r"a must be an image in a supported format \(PNG, JPEG, TIFF, WEBP, BMP"
+        MediaError, match=r"image a: it must be an undamaged image file \(PNG, JPEG, TIFF, WebP"
     ):
         _uploads.image_in(b"no picture", "a")
-    with pytest.raises(MediaError, match="a must be an image in a supported format"):
+    with pytest.raises(MediaError, match="it must be an undamaged image file"):
         _uploads.image_in(b"P6\nabc 2\n255\n", "a")
 
 
@@ -480,7 +480,7 @@ def test_uploads_of_huge_sides_are_rejected_by_header():
         struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
         for name, body in chunks
     )
-    with pytest.raises(MediaError, match="decoded pixels of a must take at most 256 MB"):
+    with pytest.raises(MediaError, match="decoded pixels of a must take at most 512 MB"):
         _uploads.image_in(data, "a")
 
 
@@ -509,7 +509,7 @@ def test_orientation_of_uploads_is_applied_unless_stored():
     for options, shape in (({}, (40, 30, 3)), ({"stored_orientation": True}, (30, 40, 3))):
         assert _uploads.image_in(data, "a", **options).shape == shape
         assert _uploads.uploaded(data, "a", **options)[0].shape == shape
-        with Image.open(BytesIO(_uploads.browser_image(data, "a", **options))) as png:
+        with Image.open(BytesIO(_uploads.browser_image(data, "a", **options)[0])) as png:
             assert png.size == shape[1::-1]
             assert png.getexif()
 
@@ -521,7 +521,8 @@ def test_truncated_uploads_are_reported_by_their_name(suffix):
         1
     ].tobytes()
     with pytest.raises(
-        MediaError, match=r"my picture\.tif( must be an image|: the file is truncated)"
+        MediaError,
+        match=r"my picture\.tif(: it must be an undamaged image file|: the file is truncated)",
     ) as error:
         _uploads.image_in(data[: len(data) // 2], "my picture.tif")
     assert "/" not in str(error.value)

@@ -9,6 +9,7 @@ import socket
 import struct
 import subprocess
 import sys
+import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -29,7 +30,6 @@ from omnimirror.apps.studio import _server_state, app
 from omnimirror.apps.studio._server_state import Sources, Streams, Studio
 from omnimirror.apps.studio._uploads import browser_image, encoded
 from omnimirror.apps.studio.app import create_app
-from omnimirror.calibration import rim
 from omnimirror.interop.http_server.auth import is_loopback
 from omnimirror.interop.http_server.limits import MAX_MESSAGE_BYTES
 from omnimirror.interop.http_server.server import listen
@@ -58,36 +58,67 @@ def error_message(answer) -> str:
     return detail
 
 
-def test_outline_of_uploaded_image(client):
-    v, u = np.mgrid[:240, :320]
+def outline_statuses(client, data: bytes, name: str = "image") -> list[dict]:
+    """Return the progress messages of an outline search."""
+    response = client.post("/api/outline", content=data, params={"name": name})
+    assert response.status_code == 200
+    return [json.loads(line) for line in response.text.splitlines()]
+
+
+def png(image: np.ndarray) -> bytes:
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
+def test_outline_of_uploaded_image_agrees_with_python(client):
+    v, u = np.mgrid[:1800, :2400]
     disc = np.where(
-        np.hypot(u - 170, v - 110) < 90,
-        120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 110, u - 170))),
+        np.hypot(u - 1270.3, v - 810.7) < 690,
+        120 + 80 * np.sign(np.sin(9 * np.arctan2(v - 810, u - 1270))),
         12,
-    )
-    data = cv2.imencode(".png", disc.astype(np.uint8))[1].tobytes()
-    outline = client.post("/api/rim", content=data, params={"name": "disc.png"}).json()
-    assert outline["centre_px"] == pytest.approx([170, 110], abs=0.5)
-    assert outline["radius_px"] == pytest.approx(90, abs=0.7)
+    ).astype(np.uint8)
+    *progress, last = outline_statuses(client, png(disc), "disc.png")
+    outline, reference = last["outline"], om.detect_mirror_outline(disc)
+    assert outline["centre_px"] == list(reference.centre_px)  # of the image at its full size
+    assert outline["radius_px"] == pytest.approx(690, abs=0.5)
+    assert outline["confidence"] == reference.confidence
     assert outline["is_reliable"]
-    empty = cv2.imencode(".png", np.full((100, 200), 90, np.uint8))[1].tobytes()
-    assert not client.post("/api/rim", content=empty).json()["is_reliable"]
-    response = client.post("/api/rim", content=b"no picture")
-    assert response.status_code == 400
-    assert "must be an image" in error_message(response)
+    assert outline["image_size"] == [2400, 1800]
+    fractions = [status["fraction"] for status in progress]
+    assert {status["state"] for status in progress} == {"running"}
+    assert fractions == sorted(fractions)
+    assert 0.5 < fractions[-1] < 1
 
 
-def test_outline_detection_is_cached(client, monkeypatch):
-    calls, detect = [], om.detect_mirror_outline
-    monkeypatch.setattr(
-        rim, "detect_mirror_outline", lambda image: calls.append(1) or detect(image)
-    )
-    first, second = (
-        cv2.imencode(".png", np.full((90, 120), grey, np.uint8))[1].tobytes() for grey in (91, 92)
-    )
-    outlines = [client.post("/api/rim", content=data).json() for data in (first, second, first)]
-    assert outlines[0] == outlines[2]
-    assert len(calls) == 2
+def test_failed_outline_searches_report_reason(client):
+    (*_, empty) = outline_statuses(client, png(np.full((100, 200), 90, np.uint8)))
+    assert not empty["outline"]["is_reliable"]
+    (*_, failed) = outline_statuses(client, b"no image", "notes.png")
+    assert (failed["state"], failed["outline"]) == ("failed", None)
+    assert "notes.png: it must be an undamaged image file" in failed["message"]
+    assert client.post("/api/outline", content=b"").status_code == 400
+
+
+def test_outline_is_cached(client):
+    data = png(np.full((90, 120), 91, np.uint8))
+    first, second = (outline_statuses(client, data) for _ in range(2))
+    assert len(first) > 1
+    assert second == first[-1:]
+
+
+def test_closed_connection_cancels_outline_search():
+    data = np.random.default_rng(1).integers(0, 255, (1500, 1500, 3), np.uint8)
+    studio = Studio()
+    with serving(studio) as address, httpx.Client(base_url=address, timeout=60) as client:
+        with client.stream("POST", "/api/outline", content=png(data)) as response:
+            next(response.iter_lines())
+            assert studio.outline_searches._pending == 1
+        start_s = time.monotonic()
+        while studio.outline_searches._pending:
+            assert time.monotonic() - start_s < 5
+            time.sleep(0.02)
+        # the next search starts immediately
+        small = client.post("/api/outline", content=png(data[:60, :60]))
+        assert '"state":"done"' in small.text.splitlines()[-1]
 
 
 def test_health_and_page_are_served(client):
@@ -331,7 +362,7 @@ def test_deep_images_are_converted_to_8_bits():
     image = (np.arange(48, dtype=np.uint16) * 1365).reshape(4, 4, 3)
     tiff = cv2.imencode(".tif", image)[1].tobytes()
     shallow = cv2.imdecode(
-        np.frombuffer(browser_image(tiff, "deep.tif"), np.uint8), cv2.IMREAD_UNCHANGED
+        np.frombuffer(browser_image(tiff, "deep.tif")[0], np.uint8), cv2.IMREAD_UNCHANGED
     )
     np.testing.assert_array_equal(shallow, np.round(image / 257).astype(np.uint8))
 

@@ -191,7 +191,7 @@ export class BoardImages {
 async function thumbnailOf(blob: Blob, name: string): Promise<string> {
   try {
     const bitmap = await createImageBitmap(blob).catch(async () =>
-      createImageBitmap(await api.convert(blob, name)),
+      createImageBitmap((await api.convert(blob, name, THUMBNAIL_PX)).image),
     );
     const scale = Math.min(1, THUMBNAIL_PX / Math.max(bitmap.width, bitmap.height));
     const canvas = document.createElement("canvas");

@@ -283,7 +283,7 @@ export class Calibrate {
     this.rimTried = detected.length;
     try {
       const rim = rimOf(
-        await Promise.all(detected.map((image) => api.rim(image.blob, image.name))),
+        await Promise.all(detected.map((image) => api.outline(image.blob, image.name))),
       );
       this.camera.showRim(rim, detected.length);
       this.changed();

@@ -1,7 +1,7 @@
 import { background } from "../shared/background";
 import { byId, choices, hideComputed, put } from "../shared/dom";
 import { banner, say } from "../shared/notices";
-import type { Mode } from "../shared/state";
+import { INITIAL, type Mode, type State } from "../shared/state";
 import type { Store } from "../shared/store";
 import { commandOf, fittedName, needsFile } from "./command";
 import { Renderer } from "./drawing/renderer";
@@ -11,9 +11,9 @@ import { AdditionalImages } from "./feeds/additional_images";
 import { Recorder } from "./feeds/recorder";
 import { Camera } from "./geometry/camera";
 import { panTiltOf, type Pixel, type Vec3 } from "./geometry/vectors";
-import { targetIn, type View, viewOf } from "./geometry/views";
+import { aspectOf, targetIn, type View, viewOf } from "./geometry/views";
 import { CirclePane } from "./panels/circle";
-import { CameraQuestion } from "./panels/camera_question";
+import { CameraQuestion, type Thumbnail } from "./panels/camera_question";
 import { Gestures } from "./panels/gestures";
 import { GyroscopePanel } from "./panels/gyroscope";
 import { LevelPanel } from "./panels/level";
@@ -58,7 +58,11 @@ export class Look {
       (pixel) => this.lookAtPixel(pixel),
       (c) => this.rim.set(c),
     );
-    this.rim = new RimPanel(store, (isFitting) => this.fitting(isFitting));
+    this.rim = new RimPanel(
+      store,
+      () => this.feed,
+      (isFitting) => this.fitting(isFitting),
+    );
     this.views = new ViewsPanel(store, () => this.sources.offered);
     this.wipe = new RestorationPanel(store, () => this.restored());
     new DisplayPanel(store, () => this.placeCircle());
@@ -73,6 +77,7 @@ export class Look {
       take: (source) => this.additional.take(source),
       give: (source, feed) => this.additional.give(source, feed),
       opened: (feed) => background(this.first.look(feed)),
+      closed: () => this.rim.close(),
       calibrated: (file, name) => this.sensor.load(file, name),
     });
     this.additional = new AdditionalImages({
@@ -87,6 +92,7 @@ export class Look {
       sensor: () => this.sensor,
       feed: () => this.feed,
       level: () => this.level.find(false),
+      draw: (thumbnails) => this.drawThumbnails(thumbnails),
     });
     this.level = new LevelPanel(
       store,
@@ -132,6 +138,14 @@ export class Look {
     if (start.sensor) this.first.known();
     await this.sensor.want();
     await this.sources.begin();
+    if (fresh && this.feed) background(this.first.look(this.feed));
+  }
+
+  /** Resume what an outage of the server interrupted. */
+  async resume(): Promise<void> {
+    if (!this.sensor.camera) return this.begin();
+    await this.sources.resume();
+    await this.first.resume();
   }
 
   /** Start with an embedded image and camera. */
@@ -188,7 +202,7 @@ export class Look {
     if (feed && this.isImageNew) this.circle.drawImage(feed);
     if (!this.sensor.camera) return null;
     const camera = (this.camera = this.rim.fit(this.sensor.camera, feed));
-    this.rim.show(camera, this.feed);
+    this.rim.show(camera);
     if (!feed) return null;
     const problem = problemOf(camera, feed);
     banner(problem, "page");
@@ -232,6 +246,27 @@ export class Look {
       if (cameraFeed && cameraFeed.camera !== this.camera)
         this.renderer.add({ ...view, parts }, cameraFeed, state.source);
     this.renderer.retainImages(places.map(({ state }) => state.source));
+  }
+
+  /** Draw panoramas of the image with other cameras, in one pass below each other. */
+  private drawThumbnails(thumbnails: readonly Thumbnail[]): void {
+    const { feed } = this;
+    if (!feed) return;
+    if (!this.ready()) this.renderer.setImage(feed.image, feed.width, feed.height); // the selected sensor does not fit the image
+    let top = 0;
+    const views = thumbnails.map(({ canvas, camera: other, pan }) => {
+      const camera = this.rim.fit(other, feed);
+      const state: State = { ...INITIAL, fit: "whole", pan };
+      canvas.height = Math.round(canvas.width / aspectOf(state, camera)!);
+      const { parts } = viewOf(state, camera, canvas.width, canvas.height);
+      const view = { canvas, camera, top, parts: parts.map((part) => ({ ...part, top })) };
+      top += canvas.height;
+      return view;
+    });
+    this.renderer.drawSheet(views, Math.max(...views.map(({ canvas }) => canvas.width)), top);
+    for (const { canvas, top: from } of views)
+      canvas.getContext("2d")!.drawImage(this.renderer.canvas, 0, -from);
+    this.refresh();
   }
 
   private restored(): void {

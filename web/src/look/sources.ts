@@ -28,8 +28,10 @@ interface Callbacks {
   take: (source: string) => Feed | null;
   /** Keep the previous main image for additional views. */
   give: (source: string, feed: Feed) => void;
-  /** Called when a new image is opened. */
+  /** Called when a new image, video or stream is opened. */
   opened: (feed: Feed) => void;
+  /** Called before another image replaces the current one. */
+  closed: () => void;
   /** Called when a calibration file is opened instead of an image. */
   calibrated: (file: Blob, name: string) => Promise<void>;
 }
@@ -47,6 +49,8 @@ export class Sources {
   private heard = ""; // server source whose state is reported
   private hasBegun = false;
   private opening = new AbortController();
+  /** Repeat the request that an outage of the server interrupted. */
+  private interrupted: (() => Promise<void>) | null = null;
 
   constructor(
     private readonly store: Store,
@@ -174,7 +178,7 @@ export class Sources {
     };
     const feed =
       option.dataset.kind === "image"
-        ? await imageFeed(await api.image(id), name, true)
+        ? await imageFeed(await api.image(id), name, true, this.callbacks.maximum)
         : await streamFeed(id, name, onState, signal);
     return Object.assign(feed, { source: option.dataset.command });
   }
@@ -258,6 +262,7 @@ export class Sources {
   /** Cancel the current request; returns the signal of the next one. */
   private supersede(): AbortSignal {
     this.opening.abort();
+    this.interrupted = null;
     this.opening = new AbortController();
     return this.opening.signal;
   }
@@ -286,27 +291,38 @@ export class Sources {
         { ...(source && { source: named }), ...(!isAlike && { rim: null }) },
         addsHistory,
       );
-      if (!isPending && identityIn(named)) this.callbacks.opened(feed);
+      if (!isPending && named !== "room") this.callbacks.opened(feed);
     } catch (e) {
-      if (!signal.aborted) fail(e);
+      if (signal.aborted) return;
+      if (e instanceof api.ServerUnavailable)
+        this.interrupted = () => this.open(words, make, source, isPending, addsHistory);
+      fail(e);
     } finally {
       if (!signal.aborted) busy(null);
     }
   }
 
+  /** Open the image whose conversion an outage of the server interrupted. */
+  async resume(): Promise<void> {
+    await this.interrupted?.();
+  }
+
   private feedOf(file: Blob, name: string): Promise<Feed> {
     if (isVideo(file, name)) return videoFeed(file, name);
-    return api.asShown(file, name).then((shown) => imageFeed(shown, name, this.hasServer));
+    return api
+      .asShown(file, name)
+      .then((shown) => imageFeed(shown, name, this.hasServer, this.callbacks.maximum));
   }
 
   private show(feed: Feed): void {
     const { maximum } = this.callbacks;
-    if (Math.max(feed.width, feed.height) > maximum) {
+    if (feed.moves && Math.max(feed.width, feed.height) > maximum) {
       feed.close();
       throw new api.RequestRejected(
         `${feed.name} is ${feed.width} × ${feed.height} px; the maximum of this graphics card is ${maximum} px per side.`,
       );
     }
+    this.callbacks.closed();
     if (this.feed && this.feed !== feed) this.callbacks.give(this.shown, this.feed);
     this.feed = feed;
     this.playback.follow(feed.video ?? null);
@@ -353,7 +369,7 @@ export class Sources {
 async function roomOf(sensor: string): Promise<Feed> {
   const room = await supply.room(sensor);
   return {
-    ...(await imageFeed(room, supply.alone ? "circle.jpg" : "circle.png", true)),
+    ...(await imageFeed(room, supply.alone ? "circle.jpg" : "circle.png", true, Infinity)),
     renderedFile: room,
   };
 }

@@ -21,6 +21,7 @@ import type {
   RequirementFileRequest,
   RestoreRequest,
   DetectedOutline,
+  OutlineSearchStatus,
   SensorEntry,
   SensorFileRequest,
   SliderRequest,
@@ -83,13 +84,35 @@ export async function camera(
 export const room = async (id: string): Promise<Blob> => (await ask(to("api/room", { id }))).blob();
 export const image = async (id: string): Promise<Blob> =>
   (await ask(to("api/image", { id }))).blob();
-export const convert = async (file: Blob, name: string): Promise<Blob> =>
-  (await uploaded("api/convert", file, { name })).blob();
+/** Convert an image to an 8-bit PNG, reduced if a side is above the maximum; return it with the original size. */
+export async function convert(
+  file: Blob,
+  name: string,
+  maxSide?: number,
+): Promise<{ image: Blob; size: [number, number] }> {
+  const response = await uploaded("api/convert", file, { name, max_side: maxSide });
+  const [width, height] = response.headers.get("omnimirror-size")!.split("x").map(Number);
+  return { image: await response.blob(), size: [width, height] };
+}
 /** Return an image file in the orientation for which the server is configured. */
 export const asShown = async (file: Blob, name: string): Promise<Blob> =>
-  storedOrientation ? convert(file, name) : file;
-export const rim = (image: Blob, name: string): Promise<DetectedOutline> =>
-  json(uploaded("api/rim", image, { name }));
+  storedOrientation ? (await convert(file, name)).image : file;
+/** Detect the mirror outline in an image; aborting the signal cancels the search. */
+export async function outline(
+  image: Blob,
+  name: string,
+  onStatus: (status: OutlineSearchStatus) => void = () => {},
+  signal: AbortSignal | null = null,
+): Promise<DetectedOutline> {
+  const response = await ask(to("api/outline", { name }), { method: "POST", body: image, signal });
+  for await (const line of linesOf(response)) {
+    const status = JSON.parse(line) as OutlineSearchStatus;
+    if (status.outline) return status.outline;
+    if (status.state === "failed") throw new RequestRejected(status.message);
+    onStatus(status);
+  }
+  throw new ServerUnavailable(SERVER_UNAVAILABLE);
+}
 export const level = (request: LevelRequest, image: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(request, image) }));
 /** Return the restored image, and a note on the removed blur. */
@@ -209,6 +232,22 @@ async function ask(url: string, init: RequestInit = {}): Promise<Response> {
   throw new RequestRejected(
     sentenceOf(body?.detail) ?? `The request failed (HTTP status ${answer.status}).`,
   );
+}
+
+/** Yield the lines of a response as they arrive. */
+async function* linesOf(response: Response): AsyncGenerator<string> {
+  const reader = response.body!.pipeThrough(new TextDecoderStream()).getReader();
+  let rest = "";
+  for (;;) {
+    const { done, value } = await reader.read().catch((e: unknown) => {
+      if (e instanceof DOMException && e.name === "AbortError") throw e; // cancelled by the caller
+      throw new ServerUnavailable(SERVER_UNAVAILABLE);
+    });
+    if (done) return;
+    const lines = (rest + value).split("\n");
+    rest = lines.pop()!;
+    yield* lines;
+  }
 }
 
 /** Validation error of a request entry, as reported by the framework of the server. */

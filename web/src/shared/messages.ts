@@ -332,8 +332,12 @@ export interface DesignSummary {
 export interface DetectedOutline {
   centre_px: [number, number];
   radius_px: number;
+  /** agreement between working resolutions, 0 to 1 */
   confidence: number;
+  /** whether the confidence is sufficient for automatic use */
   is_reliable: boolean;
+  /** size of the analysed image */
+  image_size: [number, number];
 }
 
 /** Data embedded in a page without a server. */
@@ -504,6 +508,15 @@ export interface OutlierCorner {
   image: string;
   corner: number;
   residual_px: number;
+}
+
+/** Progress of an outline search; the last message contains the outline or an error. */
+export interface OutlineSearchStatus {
+  state: "waiting" | "running" | "done" | "failed";
+  message: string;
+  /** completed fraction, 0 to 1 */
+  fraction: number;
+  outline: DetectedOutline | null;
 }
 
 /** Initial data of the page. */

@@ -2,6 +2,7 @@ import { isUserError } from "./api";
 import { byId } from "./dom";
 import { INTERNAL_ERROR } from "./texts";
 
+const ERROR_MS = 30_000;
 let fading = 0;
 
 /** Display a temporary message. */
@@ -44,9 +45,25 @@ function line(subject: Subject, text: string): HTMLElement {
   return element;
 }
 
-export function busy(message: string | null): void {
+/** Progress of a long operation: completed fraction, and a function that cancels it. */
+interface Progress {
+  fraction?: number;
+  cancel?: () => void;
+}
+
+let cancelBusy: (() => void) | undefined;
+
+/** Display a long operation; null removes it. */
+export function busy(message: string | null, { fraction, cancel }: Progress = {}): void {
+  const button = byId<HTMLButtonElement>("busy-cancel");
+  if (!message && document.activeElement === button) byId("stage").focus();
   byId("busy").hidden = !message;
-  byId("busy").textContent = message ?? "";
+  byId("busy-text").textContent = message ?? "";
+  byId("busy-fraction").hidden = fraction === undefined;
+  byId<HTMLProgressElement>("busy-fraction").value = fraction ?? 0;
+  button.hidden = !cancel;
+  cancelBusy = cancel;
+  button.onclick = () => cancelBusy?.();
 }
 
 export async function copy(text: string, what: string, more = ""): Promise<void> {
@@ -61,8 +78,10 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
 /** Report an error: its message if it is meant for users, otherwise an internal error. */
 export function report(e: unknown, about: Subject = "failure"): void {
   if (e instanceof Error && e.name === "AbortError") return; // cancelled by the caller
-  if (isUserError(e)) banner(e.message, e.name === "Away" ? "server" : about);
-  else banner(INTERNAL_ERROR, "failure");
+  if (!isUserError(e)) return banner(INTERNAL_ERROR, "failure");
+  if (e.name === "Away") return banner(e.message, "server"); // removed when the server is back
+  banner(e.message, about);
+  setTimeout(() => upright.get(about) === e.message && banner(null, about), ERROR_MS);
 }
 
 /** Report an error handled by the caller; unexpected ones are also written to the console. */

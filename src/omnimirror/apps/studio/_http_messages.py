@@ -54,6 +54,8 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
 
 BYTES: dict[str, Any] = {"content": {"application/octet-stream": {}}}
 PNG: dict[str, Any] = {"content": {"image/png": {}}}
+STATUS_MEDIA_TYPE = "application/x-ndjson"
+STATUS_LINES: dict[str, Any] = {"content": {STATUS_MEDIA_TYPE: {}}}
 FILE_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,

@@ -5,13 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from functools import lru_cache
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from fastapi import FastAPI, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
-from fastapi.responses import PlainTextResponse, Response
+from fastapi.responses import PlainTextResponse, Response, StreamingResponse
 
 from ... import __version__
 from ...base.errors import OmnimirrorError
@@ -21,11 +20,21 @@ from ...io.image_metadata import UPRIGHT, applied, exposure_of
 from ...io.images import read_image_and_metadata
 from ...optics.sensor import Sensor
 from ._camera_tables import camera_tables
-from ._http_messages import BYTES, FILE_BODY, PNG, FileName, unframed
+from ._http_messages import (
+    BYTES,
+    FILE_BODY,
+    PNG,
+    STATUS_LINES,
+    STATUS_MEDIA_TYPE,
+    FileName,
+    unframed,
+)
 from ._look_cameras import Cameras, NamedCamera
+from ._outline_process import OutlineRequest
 from ._server_state import Stream
 from ._uploads import (
     browser_image,
+    display_levels,
     eight_bits,
     encoded,
     image_in,
@@ -37,7 +46,6 @@ from ._uploads import (
 from .look_messages import (
     CameraInfo,
     CameraRequest,
-    DetectedOutline,
     EstimatedTilt,
     LevelRequest,
     PageStart,
@@ -55,39 +63,19 @@ if TYPE_CHECKING:
 
 MAX_PIXELS = 4096 * 4096
 """Maximum size of a rendered image; rendering takes 60 bytes per pixel."""
-MAX_CACHED_OUTLINES = 256
-"""Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
 
-_rims: dict[bytes, DetectedOutline] = {}
-"""Cached mirror outlines by image digest."""
+
+RADIANCE_SUFFIXES = (".hdr", ".exr")
 
 
 def read_as_png(path: Path, stored_orientation: bool, on_note: Callable[[str], None]) -> bytes:
     """Return an image of the server, and report an orientation in its file."""
     image, metadata = read_image_and_metadata(path, stored_orientation=stored_orientation)
+    if image.dtype == np.float32 and path.suffix.lower() in RADIANCE_SUFFIXES:
+        image = display_levels(image)
     if metadata.orientation != UPRIGHT:
         on_note(f"{path}: {applied(metadata.orientation, stored_orientation)}")
     return png_of(image, metadata)
-
-
-def detect_outline(data: bytes, name: str) -> DetectedOutline:
-    """Detect the mirror outline in an uploaded image; results are cached for reloads of the page."""
-    from ...calibration.rim import detect_mirror_outline
-
-    key = sha256(data).digest()
-    outline = _rims.get(key)
-    if outline is None:
-        rim = detect_mirror_outline(eight_bits(image_in(data, name)))
-        outline = DetectedOutline(
-            centre_px=rim.centre_px,
-            radius_px=rim.radius_px,
-            confidence=rim.confidence,
-            is_reliable=rim.is_accepted,
-        )
-        if len(_rims) >= MAX_CACHED_OUTLINES:
-            _rims.clear()
-        _rims[key] = outline
-    return outline
 
 
 def estimate_tilt(
@@ -156,6 +144,8 @@ def render_room(named_camera: NamedCamera) -> bytes:
 
 NOTE = "omnimirror-note"
 """Response header with a sentence for the user."""
+SIZE = "omnimirror-size"
+"""Response header with the size of the original image, px."""
 
 
 def add_look(app: FastAPI, studio: Studio) -> None:
@@ -247,20 +237,40 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     @app.post(
         "/api/convert", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
     )
-    async def convert(request: Request, name: FileName = "image") -> Response:
-        """Convert an image that browsers cannot read to 8-bit PNG."""
-        data = await uploaded_file(request)
-        return _png(
-            await studio.unpacked.run(
-                request, lambda: browser_image(data, safe_name(name), stored_orientation=is_stored)
-            )
-        )
+    async def convert(
+        request: Request,
+        name: FileName = "image",
+        max_side: Annotated[int | None, Query(ge=64)] = None,
+    ) -> Response:
+        """Convert an image that browsers cannot read to an 8-bit PNG.
 
-    @app.post("/api/rim", openapi_extra=FILE_BODY)
-    async def rim(request: Request, name: FileName = "image") -> DetectedOutline:
-        """Return the mirror outline in an image with its confidence."""
+        Images with a longer side above ``max_side`` px are reduced; a header contains the original
+        size.
+        """
         data = await uploaded_file(request)
-        return await studio.unpacked.run(request, lambda: detect_outline(data, safe_name(name)))
+        png, (width, height) = await studio.unpacked.run(
+            request,
+            lambda: browser_image(
+                data, safe_name(name), stored_orientation=is_stored, max_side_px=max_side
+            ),
+        )
+        return Response(png, media_type="image/png", headers={SIZE: f"{width}x{height}"})
+
+    @app.post(
+        "/api/outline",
+        openapi_extra=FILE_BODY,
+        response_class=StreamingResponse,
+        responses={200: STATUS_LINES},
+    )
+    async def outline(request: Request, name: FileName = "image") -> StreamingResponse:
+        """Detect the mirror outline in an image: progress messages, one per line.
+
+        Closing the connection cancels the search.
+        """
+        data = await uploaded_file(request)
+        requested = OutlineRequest(name=safe_name(name), stored_orientation=is_stored)
+        lines = studio.outline_searches.run(requested, data)
+        return StreamingResponse(lines, media_type=STATUS_MEDIA_TYPE)
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
     async def level(request: Request) -> EstimatedTilt | None:

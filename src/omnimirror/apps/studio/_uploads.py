@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import re
-import tempfile
-import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -14,28 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import MediaError
-from ...io import images
+from ...io import exr, images
 from ...io.image_metadata import ImageMetadata, embed_metadata
-from ...io.images import read_image_and_metadata
+from ...io.images import decode_image_and_metadata
 
 if TYPE_CHECKING:
-    from PIL.ImageFile import ImageFile
     from starlette.requests import Request
 
-MAX_DECODED_BYTES = 256 << 20
+MAX_DECODED_BYTES = 512 << 20
 """Maximum size of a decoded image in memory, bytes."""
 STRIP = 256
 """Rows per conversion step."""
-BITS_PER_SAMPLE = 258  # TIFF tag
-KINDS = {
-    "PNG": ".png",
-    "JPEG": ".jpg",
-    "TIFF": ".tif",
-    "WEBP": ".webp",
-    "BMP": ".bmp",
-    "GIF": ".gif",
-    "PPM": ".pnm",
-}
 
 
 async def uploaded_file(request: Request) -> bytes:
@@ -63,16 +48,42 @@ def safe_name(name: str) -> str:
     return re.sub(r"[^\w.-]", "_", last).strip("._-")[:80] or "file"
 
 
-def browser_image(data: bytes, name: str, *, stored_orientation: bool = False) -> bytes:
-    """Convert an image that browsers cannot read (TIFF, 16 bits, ...) to 8-bit PNG with its EXIF
-    data.
+def browser_image(
+    data: bytes, name: str, *, stored_orientation: bool = False, max_side_px: int | None = None
+) -> tuple[bytes, tuple[int, int]]:
+    """Convert an image that browsers cannot read (TIFF, 16 bits, HDR, ...) to an 8-bit PNG with its
+    EXIF data.
+
+    Parameters
+    ----------
+    data, name
+        Uploaded file and its name.
+    stored_orientation
+        As for :func:`omnimirror.read_image`.
+    max_side_px
+        Maximum width and height of the PNG; larger images are reduced.
+
+    Returns
+    -------
+    bytes
+        PNG file.
+    (int, int)
+        Width and height of the original image, px.
 
     Raises
     ------
     MediaError
         If the format is unknown, or the image damaged or too large after decoding.
     """
-    return png_of(*uploaded(data, name, stored_orientation=stored_orientation))
+    image, metadata = uploaded(data, name, stored_orientation=stored_orientation)
+    height, width = image.shape[:2]
+    if is_radiance(data):
+        image = display_levels(image)
+    if max_side_px is not None and max(width, height) > max_side_px:
+        scale = max_side_px / max(width, height)
+        size = max(1, round(width * scale)), max(1, round(height * scale))
+        image = cv2.resize(eight_bits(image), size, interpolation=cv2.INTER_AREA)
+    return png_of(image, metadata), (width, height)
 
 
 def image_in(data: bytes, name: str, *, stored_orientation: bool = False) -> NDArray[Any]:
@@ -93,14 +104,15 @@ def uploaded(
     MediaError
         If the format is unknown, or the image damaged or too large after decoding.
     """
-    suffix = _checked_kind(data, name)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"image{suffix}"
-        path.write_bytes(data)
-        try:
-            return read_image_and_metadata(path, stored_orientation=stored_orientation)
-        except MediaError as e:
-            raise MediaError(str(e).replace(str(path), name)) from None
+    size = images.decoded_bytes(data)
+    if size > MAX_DECODED_BYTES:
+        raise MediaError(
+            f"the decoded pixels of {name} must take at most {MAX_DECODED_BYTES >> 20} MB; got "
+            f"{-(-size >> 20)} MB; reduce the image, or use the command line"
+        )
+    if not size:  # the header is not understood: nothing is decoded
+        raise MediaError(images.decoding_failure(name, data))
+    return decode_image_and_metadata(name, data, stored_orientation=stored_orientation)
 
 
 def encoded(image: NDArray[np.uint8], suffix: str, quality: int = 90) -> bytes:
@@ -123,6 +135,19 @@ def png_of(image: NDArray[np.generic], metadata: ImageMetadata) -> bytes:
     )
 
 
+def is_radiance(data: bytes) -> bool:
+    """Return True for the bytes of a file with linear light values (Radiance HDR, OpenEXR)."""
+    return data.startswith((b"#?", exr.MAGIC))
+
+
+def display_levels(radiance: NDArray[Any]) -> NDArray[np.uint8]:
+    """Convert linear light to 8 bits with gamma 2; the brightest 1 % is clipped."""
+    from ...calibration.edge_detection import levels_of
+
+    levels: NDArray[np.uint8] = np.rint(levels_of(radiance)).astype(np.uint8)
+    return levels
+
+
 def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     """Convert an image to 8 bits; floating-point values range from 0 to 1."""
     if image.dtype == np.uint8:
@@ -133,44 +158,3 @@ def eight_bits(image: NDArray[np.generic]) -> NDArray[np.uint8]:
         strip = np.nan_to_num(image[start : start + STRIP].astype(np.float64) * scale)
         shallow[start : start + STRIP] = strip.clip(0, 255).round()
     return shallow
-
-
-def _checked_kind(data: bytes, name: str) -> str:
-    """Check the decoded size in the image header; return the suffix of the format."""
-    from PIL import Image
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # Pillow warns of large or damaged images; both are rejected below
-            with Image.open(io.BytesIO(data), formats=list(KINDS)) as image:
-                kind, unpacked = str(image.format), _unpacked_bytes(image, data)
-        is_huge = unpacked > MAX_DECODED_BYTES
-    except Image.DecompressionBombError:
-        is_huge = True
-    except (OSError, ValueError, SyntaxError):  # OSError includes unknown formats
-        raise MediaError(
-            f"{name} must be an image in a supported format ({', '.join(KINDS)})"
-        ) from None
-    if is_huge:
-        raise MediaError(
-            f"the decoded pixels of {name} must take at most {MAX_DECODED_BYTES >> 20} MB"
-        )
-    return KINDS[kind]
-
-
-def _unpacked_bytes(file: ImageFile, data: bytes) -> int:
-    """Return the decoded size of an image in bytes, from its header."""
-    width, height = file.size
-    channels = (
-        4 if file.mode in ("P", "PA") else len(file.getbands())
-    )  # palettes are expanded to colours
-    depth = 8
-    if file.format == "PNG":
-        depth = data[24]
-    elif file.format == "TIFF":
-        depth = max(file.tag_v2.get(BITS_PER_SAMPLE, (8,)))  # type: ignore[attr-defined]  # a TIFF file
-    elif file.format == "PPM":
-        depth = 16  # maximum value up to 65535
-    return width * height * channels * -(-depth // 8)

@@ -5,16 +5,19 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
+from hashlib import sha256
 from subprocess import Popen
-from typing import IO
+from typing import IO, Literal
 
 from fastapi import Request, WebSocket, WebSocketDisconnect
 
 from ...base.errors import InvalidParameter
 from ...base.worker_processes import start_process, terminate_process
 from ...interop.http_server.limits import MAX_QUEUED_JOBS, FairSlots, ServerBusy, current_page
-from . import _board_detection_process
+from . import _board_detection_process, _outline_process
+from ._outline_process import OutlineRequest
 from .calibration_messages import BoardDetection, BoardDetectionRequest
+from .look_messages import OutlineSearchStatus
 from .messages import Problem
 
 # -- Worker processes ------------------------------------------------------------------------------
@@ -36,12 +39,15 @@ class Worker:
     def __init__(self, process: Popen[bytes]) -> None:
         self._process = process
 
-    def send(self, line: str) -> None:
-        """Send a line to the process; ignored after its end."""
+    def send(self, line: str, data: bytes | None = None) -> None:
+        """Send a line, and the length and bytes of a file; ignored after the end of the process."""
         stdin: IO[bytes] | None = self._process.stdin
         assert stdin is not None
-        with suppress(OSError):
+        with suppress(OSError, ValueError):
             stdin.write(line.encode() + b"\n")
+            if data is not None:
+                stdin.write(b"%d\n" % len(data))
+                stdin.write(data)
             stdin.flush()
 
     async def lines(self) -> AsyncIterator[str]:
@@ -161,6 +167,54 @@ async def run_task(
     finally:
         for task in (listening, working):
             task.cancel()
+
+
+# -- Outline searches ------------------------------------------------------------------------------
+
+MAX_CACHED_OUTLINES = 256
+"""Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
+
+
+class OutlineSearches:
+    """Outline searches in worker processes, one at a time.
+
+    Results are cached for reloads of the page.
+    """
+
+    def __init__(self) -> None:
+        self._workers = Workers(_outline_process.__name__, 1, "outline searches")
+        self._outlines: dict[bytes, str] = {}
+
+    async def run(self, request: OutlineRequest, data: bytes) -> AsyncIterator[str]:
+        """Yield progress messages, one per line; closing the iterator cancels the search."""
+        key = sha256(request.model_dump_json().encode() + data).digest()
+        if key in self._outlines:
+            yield self._outlines[key]
+            return
+        if self._workers.is_busy:
+            yield _status("waiting", "Waiting for another outline search")
+        try:
+            async with self._workers.one() as worker:
+                last = ""
+                await asyncio.to_thread(worker.send, request.model_dump_json(), data)
+                async for line in worker.lines():
+                    last = line
+                    yield line
+        except ServerBusy as e:
+            yield _status("failed", str(e))
+            return
+        if '"state":"done"' in last:
+            if len(self._outlines) >= MAX_CACHED_OUTLINES:
+                self._outlines.clear()
+            self._outlines[key] = last
+        elif '"state":"failed"' not in last:
+            yield _status(
+                "failed", f"the outline search in {request.name} was interrupted; try again"
+            )
+
+
+def _status(state: Literal["waiting", "failed"], message: str) -> str:
+    return OutlineSearchStatus(state=state, message=message).model_dump_json() + "\n"
 
 
 # -- Pool of board detection processes -------------------------------------------------------------

@@ -36,7 +36,7 @@ from .pages import SCRIPTS, PageFile, page_text, script_text
 
 IMAGE_ROUTES = (
     "/api/convert",
-    "/api/rim",
+    "/api/outline",
     "/api/restore",
     "/api/level",
     "/api/calibrate/look",

@@ -123,8 +123,18 @@ class DetectedOutline(Message):
 
     centre_px: Pixel
     radius_px: float
-    confidence: float
-    is_reliable: bool
+    confidence: float = Field(description="agreement between working resolutions, 0 to 1")
+    is_reliable: bool = Field(description="whether the confidence is sufficient for automatic use")
+    image_size: Size = Field(description="size of the analysed image")
+
+
+class OutlineSearchStatus(Message):
+    """Progress of an outline search; the last message contains the outline or an error."""
+
+    state: Literal["waiting", "running", "done", "failed"]
+    message: str
+    fraction: float = Field(default=0.0, description="completed fraction, 0 to 1")
+    outline: DetectedOutline | None = None
 
 
 class EstimatedTilt(Message):

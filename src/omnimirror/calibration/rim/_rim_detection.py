@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...base.arguments import check_fields, validate_arguments
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
+from ...base.logs import OnProgress
 from ...base.results import Columns, Result, record_of, table_of
 from ...base.typing import Array
 from ..edge_detection import (
@@ -344,7 +345,11 @@ class _AnalysedImage:
 
 
 @validate_arguments
-def detect_mirror_outline(images: ImageArray | Sequence[ImageArray]) -> MirrorOutline:
+def detect_mirror_outline(
+    images: ImageArray | Sequence[ImageArray],
+    *,
+    on_progress: OnProgress | None = None,
+) -> MirrorOutline:
     """Detect the mirror's rim in one or several images of a sensor, with subpixel accuracy.
 
     Edges vote for circles, and an ellipse is fitted to the edges of each. A classifier evaluates
@@ -357,6 +362,9 @@ def detect_mirror_outline(images: ImageArray | Sequence[ImageArray]) -> MirrorOu
     ----------
     images : (rows, columns[, channels]) array, or a sequence of them
         Unmodified images of one camera with equal size and a fixed mirror position.
+    on_progress
+        Callback ``on_progress(done, total)`` with the number of completed steps, one for each working
+        resolution of each image and one for the refinement.
 
     Returns
     -------
@@ -383,7 +391,16 @@ def detect_mirror_outline(images: ImageArray | Sequence[ImageArray]) -> MirrorOu
     """
     image_list = [images] if isinstance(images, np.ndarray) else list(images)
     _check(image_list)
-    analysed = [_analyse(image) for image in image_list]
+    steps = (len(OTHER_SIDES_PX) + 1) * len(image_list) + 1  # the last one is the refinement
+    completed = 0
+
+    def on_step() -> None:
+        nonlocal completed
+        completed += 1
+        if on_progress is not None:
+            on_progress(completed, steps)
+
+    analysed = [_analyse(image, on_step) for image in image_list]
     size = (image_list[0].shape[1], image_list[0].shape[0])
     if not any(item.rings for item in analysed):
         return _no_outline(size)
@@ -462,10 +479,10 @@ def check_image_sizes(images: Sequence[ImageArray], names: Sequence[str]) -> Non
         )
 
 
-def _analyse(image: ImageArray) -> _AnalysedImage:
+def _analyse(image: ImageArray, on_step: Callable[[], None]) -> _AnalysedImage:
     """Detect the rings of an image at the main working resolution and at the others.
 
-    Resolutions above that of the image are omitted.
+    Resolutions above that of the image are omitted. ``on_step`` is called after each one.
     """
     working = at_working_size(image)
     edges = edges_of(working)
@@ -474,8 +491,13 @@ def _analyse(image: ImageArray) -> _AnalysedImage:
         min(working.size),
         SHORT_SIDE_PX,
     }
-    others = tuple(_at_resolution(image, side) for side in sorted(sides))
-    return _AnalysedImage(image, working, edges, rings, odds(rings, working), others)
+    main_odds = odds(rings, working)
+    on_step()
+    others = []
+    for side in sorted(sides):
+        others.append(_at_resolution(image, side))
+        on_step()
+    return _AnalysedImage(image, working, edges, rings, main_odds, tuple(others))
 
 
 def _at_resolution(image: ImageArray, side: int) -> _AnalysedImage:

@@ -140,6 +140,21 @@ export class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, this.textures.image);
   }
 
+  /** Draw views of the image with several cameras on a canvas of the given size. */
+  drawSheet(
+    views: readonly { camera: Camera; parts: View["parts"] }[],
+    width: number,
+    height: number,
+  ): void {
+    const before = this.camera;
+    this.draw({ width, height, parts: [] }, true);
+    for (const { camera, parts } of views) {
+      this.setCamera(camera);
+      this.drawParts({ width, height, parts }, false);
+    }
+    if (before) this.setCamera(before);
+  }
+
   /** Draw the view of another image into the canvas at the positions of its parts. */
   add(
     view: View,

@@ -173,12 +173,14 @@ vec2 project(vec3 world, out bool visible) {
 
 const SAMPLING = `
 vec3 texel(ivec2 p) {
-  return texelFetch(image, clamp(p, ivec2(0), ivec2(image_size) - 1), 0).rgb;
+  return texelFetch(image, clamp(p, ivec2(0), textureSize(image, 0) - 1), 0).rgb;
 }
 
 const float KEYS_A = -0.75; // pixel convention of OpenCV and omnimirror
 
 vec3 cubic(vec2 p) {
+  vec2 stored_size = vec2(textureSize(image, 0)); // smaller for images above the texture limit
+  if (stored_size != image_size) p = (p + 0.5) * stored_size / image_size - 0.5;
   ivec2 i = ivec2(floor(p));
   vec4 wx = weights(p.x - float(i.x), KEYS_A), wy = weights(p.y - float(i.y), KEYS_A);
   vec3 total = vec3(0.0);

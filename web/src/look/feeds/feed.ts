@@ -22,7 +22,7 @@ export interface Feed {
   video?: HTMLVideoElement;
   /** File of a rendered image that is not stored yet. */
   renderedFile?: Blob;
-  /** Image file with EXIF data, for requests that use them. */
+  /** Original file at its full size with EXIF data; the displayed image can be smaller. */
   file?: Blob;
   /** Device id of a webcam. */
   device?: string;
@@ -35,31 +35,94 @@ export interface CameraFeed {
   camera: Camera;
 }
 
-const WITH_EXIF = /^image\/(png|jpeg|webp)$/; // formats that browser and server decode
+const MIN_SIDE_PX = 48; // as for the outline detection
 const RETRY_MS = 1500; // delay after a lost connection, ms
-const DECODING: ImageBitmapOptions = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
+export const DECODING: ImageBitmapOptions = {
+  colorSpaceConversion: "none",
+  premultiplyAlpha: "none",
+};
 
-/** Open an image file; the server converts formats that the browser does not support. */
-export async function imageFeed(blob: Blob, name: string, hasServer: boolean): Promise<Feed> {
-  let file = blob;
-  const bitmap = await createImageBitmap(file, DECODING).catch(async () => {
-    if (!hasServer)
-      throw new api.RequestRejected(
-        `${name} is not an image in a format that this browser supports.`,
-      );
-    file = await api.convert(blob, name);
-    return createImageBitmap(file, DECODING);
-  });
+/** Open an image file. The server converts formats that the browser does not support or decodes differently; images above the texture limit are displayed at reduced size. */
+export async function imageFeed(
+  file: Blob,
+  name: string,
+  hasServer: boolean,
+  maxSide: number,
+): Promise<Feed> {
+  const { image, width, height } = await decoded(file, name, hasServer, maxSide);
+  if (Math.min(width, height) < MIN_SIDE_PX) {
+    image.close();
+    throw new api.RequestRejected(
+      `${name} has ${width} × ${height} px; images must have at least ${MIN_SIDE_PX} px per side. Open the original photograph.`,
+    );
+  }
   return {
     name,
     source: name,
-    image: bitmap,
-    width: bitmap.width,
-    height: bitmap.height,
+    image,
+    width,
+    height,
     moves: false,
-    ...(WITH_EXIF.test(file.type) && { file }),
-    close: () => bitmap.close(),
+    file,
+    close: () => image.close(),
   };
+}
+
+/** Decoded image, which can be reduced, and the size of the original. */
+interface DecodedImage {
+  image: ImageBitmap;
+  width: number;
+  height: number;
+}
+
+async function decoded(
+  file: Blob,
+  name: string,
+  hasServer: boolean,
+  maxSide: number,
+): Promise<DecodedImage> {
+  const isConverted = hasServer && (await isCmyk(file));
+  const bitmap = isConverted ? null : await createImageBitmap(file, DECODING).catch(() => null);
+  if (bitmap) {
+    const { width, height } = bitmap;
+    return { image: await reduced(bitmap, maxSide), width, height };
+  }
+  if (!hasServer)
+    throw new api.RequestRejected(
+      `${name} is not an image in a format that this browser supports.`,
+    );
+  const { image, size } = await api.convert(file, name, maxSide);
+  return { image: await createImageBitmap(image, DECODING), width: size[0], height: size[1] };
+}
+
+/** Return an image with at most a number of pixels per side. */
+export async function reduced(bitmap: ImageBitmap, maxSide: number): Promise<ImageBitmap> {
+  const scale = maxSide / Math.max(bitmap.width, bitmap.height);
+  if (scale >= 1) return bitmap;
+  const side = (length: number): number => Math.max(1, Math.round(length * scale));
+  const small = await createImageBitmap(bitmap, {
+    ...DECODING,
+    resizeWidth: side(bitmap.width),
+    resizeHeight: side(bitmap.height),
+    resizeQuality: "high",
+  });
+  bitmap.close();
+  return small;
+}
+
+const JPEG_HEADER_BYTES = 1 << 20;
+
+/** Return true for JPEG files with four channels, whose colours browsers convert differently. */
+async function isCmyk(file: Blob): Promise<boolean> {
+  const view = new DataView(await file.slice(0, JPEG_HEADER_BYTES).arrayBuffer());
+  if (view.byteLength < 4 || view.getUint16(0) !== 0xffd8) return false;
+  for (let at = 2; at + 10 <= view.byteLength && view.getUint8(at) === 0xff;) {
+    const marker = view.getUint8(at + 1);
+    const isFrame = marker >= 0xc0 && marker <= 0xcf && ![0xc4, 0xc8, 0xcc].includes(marker);
+    if (isFrame) return view.getUint8(at + 9) === 4;
+    at += marker === 0xff ? 1 : 2 + view.getUint16(at + 2);
+  }
+  return false;
 }
 
 /** Open a video file, played in a loop. */

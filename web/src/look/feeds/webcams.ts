@@ -7,7 +7,8 @@ export class Webcams {
   private readonly select = byId<HTMLSelectElement>("webcams");
 
   constructor(opened: (id: string) => void) {
-    byId("webcam").addEventListener("click", () => opened(""));
+    for (const id of ["webcam", "start-webcam"])
+      byId(id).addEventListener("click", () => opened(""));
     this.select.addEventListener("change", () => opened(this.select.value));
   }
 

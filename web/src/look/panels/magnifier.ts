@@ -19,7 +19,7 @@ export class Magnifier {
   }
 
   /** Magnify the surroundings of a pixel in the opposite corner; `unit` is the number of image pixels per screen pixel. */
-  show({ image, width }: Feed, [u, v]: Pixel, circle: Circle, unit: number): void {
+  show({ image, width, height }: Feed, [u, v]: Pixel, circle: Circle, unit: number): void {
     const { canvas } = this;
     const dots = Math.min(devicePixelRatio, 2);
     canvas.width = canvas.height = SIDE * dots;
@@ -30,7 +30,7 @@ export class Magnifier {
     const context = canvas.getContext("2d")!;
     context.setTransform(scale, 0, 0, scale, at(-0.5, u), at(-0.5, v));
     context.imageSmoothingEnabled = scale < 3;
-    context.drawImage(image, 0, 0);
+    context.drawImage(image, 0, 0, width, height);
     context.resetTransform();
     context.strokeStyle = RIM;
     context.lineWidth = 1.5 * dots;

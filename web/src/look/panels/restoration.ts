@@ -3,7 +3,7 @@ import * as api from "../../shared/api";
 import { allow, byId } from "../../shared/dom";
 import { busy, fail, say } from "../../shared/notices";
 import type { Store } from "../../shared/store";
-import { type Feed, fileOf } from "../feeds/feed";
+import { DECODING, type Feed, fileOf, reduced } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
 
 const HALF = 0.5;
@@ -85,10 +85,9 @@ export class RestorationPanel {
         },
         feed.file ?? (await fileOf(feed)).image,
       );
-      const image = await createImageBitmap(restored, {
-        colorSpaceConversion: "none",
-        premultiplyAlpha: "none",
-      });
+      const full = await createImageBitmap(restored, DECODING);
+      const { image: displayed } = feed as { image: ImageBitmap };
+      const image = await reduced(full, Math.max(displayed.width, displayed.height));
       if (this.request !== request) return image.close();
       this.image = image;
       if (note) say(`${feed.name}: ${note}`);

@@ -3,18 +3,23 @@ import * as api from "../../shared/api";
 import { byId } from "../../shared/dom";
 import type { CameraInfo, DetectedOutline } from "../../shared/messages";
 import { busy, fail, say } from "../../shared/notices";
+import type { State } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
 
-const LOOKED_AT = 1440; // px, longer side of the analysed image; larger images do not improve the detection
 const GUESS = 0.48; // guessed radius, relative to the shorter image side
+const INSTRUCTION = "Drag the centre and the edge of the circle to the edge of the mirror.";
 
-/** Fit of the image circle by numbers or dragging. */
+/** Detection of the image circle, and its fit by numbers or dragging. */
 export class RimPanel {
   private readonly button = byId<HTMLButtonElement>("adjust");
   private readonly finder = byId<HTMLButtonElement>("find-rim");
-  private feed: Feed | null = null;
+  private readonly place = byId("fit");
+  private circle: Circle | null = null;
+  private search: AbortController | null = null;
+  /** End the manual fit; null if it is not active. */
+  private finish: ((result: "done" | "cancelled" | "superseded") => void) | null = null;
   private readonly result = new WeakMap<Feed, DetectedOutline>();
   private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) =>
     byId<HTMLInputElement>(id),
@@ -22,14 +27,15 @@ export class RimPanel {
 
   constructor(
     private readonly store: Store,
-    toggled: (isFitting: boolean) => void,
+    private readonly feed: () => Feed | null,
+    private readonly toggled: (isFitting: boolean) => void,
   ) {
-    this.button.addEventListener("click", () => {
-      const isFitting = this.button.getAttribute("aria-pressed") !== "true";
-      this.button.setAttribute("aria-pressed", String(isFitting));
-      byId("rim-numbers").hidden = !isFitting;
-      toggled(isFitting);
-    });
+    this.button.addEventListener("click", () =>
+      this.finish ? this.finish("done") : background(this.edit()),
+    );
+    byId("fit-done").addEventListener("click", () => this.finish?.("done"));
+    byId("fit-cancel").addEventListener("click", () => this.finish?.("cancelled"));
+    this.place.addEventListener("keydown", (e) => e.key === "Escape" && this.finish?.("cancelled"));
     this.finder.addEventListener("click", () => background(this.findHere()));
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));
     for (const input of this.inputs)
@@ -39,40 +45,89 @@ export class RimPanel {
       });
   }
 
-  set({ u, v, radius }: Circle): void {
-    const round = (x: number): number => Math.round(x * 100) / 100;
-    this.store.set({ rim: [round(u), round(v), round(radius)] });
+  set(circle: Circle): void {
+    this.store.set({ rim: rounded(circle) });
   }
 
-  /** Detect the mirror on the server, and use its circle if reliable; null if the request failed. */
+  /** Fit the circle manually, from a given one; resolves to false after Cancel, which restores the previous circle. */
+  edit(question = INSTRUCTION, circle: Circle | null = null): Promise<boolean> {
+    this.finish?.("superseded");
+    const before = this.store.state.rim;
+    if (circle) this.set(circle);
+    byId("fit-question").textContent = question;
+    this.setActive(true);
+    return new Promise((resolve) => {
+      this.finish = (result) => {
+        this.finish = null;
+        if (result === "cancelled") this.store.set({ rim: before });
+        if (result === "done" && !this.store.state.rim && this.circle) this.set(this.circle); // the guess is accepted
+        this.setActive(false);
+        resolve(result === "done");
+      };
+    });
+  }
+
+  /** Cancel a search and end a manual fit, because another image is opened. */
+  close(): void {
+    this.search?.abort();
+    this.finish?.("superseded");
+  }
+
+  private setActive(isActive: boolean): void {
+    this.button.setAttribute("aria-pressed", String(isActive));
+    this.place.hidden = !isActive;
+    this.toggled(isActive);
+  }
+
+  /** Detect the mirror on the server, and use its circle if reliable; null if the search was cancelled or another image is open. */
   async find(feed: Feed): Promise<DetectedOutline | null> {
+    this.search?.abort();
+    const search = (this.search = new AbortController());
+    const cancel = (): void => search.abort();
     this.finder.disabled = true;
-    busy("Detecting the mirror…");
+    busy("Detecting the mirror…", { cancel });
     try {
-      const result = (!feed.moves && this.result.get(feed)) || (await lookedAt(feed));
+      const result =
+        (!feed.moves && this.result.get(feed)) ||
+        (await outlineIn(
+          feed,
+          ({ message, fraction }) => busy(`${message}…`, { fraction, cancel }),
+          search.signal,
+        ));
       this.result.set(feed, result);
-      if (feed !== this.feed) return null;
-      const [u, v] = result.centre_px;
-      if (result.is_reliable) this.set({ u, v, radius: result.radius_px });
+      if (feed !== this.feed() || search.signal.aborted) return null;
+      if (result.is_reliable) this.set(circleIn(result));
       return result;
     } catch (e) {
-      fail(e);
-      return null;
+      if (search.signal.aborted) return null;
+      throw e;
     } finally {
-      busy(null);
-      this.finder.disabled = false;
+      if (this.search === search) {
+        this.search = null;
+        busy(null);
+        this.finder.disabled = false;
+      }
     }
   }
 
   private async findHere(): Promise<void> {
-    if (!this.feed) return say("Open an image first.");
-    const result = await this.find(this.feed);
-    if (result)
-      say(
-        result.is_reliable
-          ? `Circle detected; confidence ${percent(result.confidence)}`
-          : "No reliable mirror outline was detected. Fit the circle manually.",
-      );
+    const feed = this.feed();
+    if (!feed) return say("Open an image first.");
+    const result = await this.find(feed).catch(fail);
+    if (result?.is_reliable)
+      return say(`Circle detected; confidence ${percent(result.confidence)}`);
+    if (result) await this.confirm(result);
+  }
+
+  /** Display an uncertain outline with handles, and ask whether it is the edge of the mirror. */
+  confirm(outline: DetectedOutline | null): Promise<boolean> {
+    const confidence = outline
+      ? `Confidence ${percent(outline.confidence)}; drag`
+      : "The circle is assumed; drag";
+    return this.edit(
+      `Is this the edge of the mirror? ${confidence} the centre and the edge to correct it.`,
+      outline && circleIn(outline),
+    );
   }
 
   /** Return the origin of the circle as text. */
@@ -107,11 +162,10 @@ export class RimPanel {
     return camera.fitted(guess, size);
   }
 
-  show(camera: Camera, feed: Feed | null): void {
-    this.feed = feed;
+  show(camera: Camera): void {
+    this.circle = camera.circle;
     byId("rim-row").hidden = !camera.model.is_adjustable;
-    if (!camera.model.is_adjustable && this.button.getAttribute("aria-pressed") === "true")
-      this.button.click();
+    if (!camera.model.is_adjustable) this.finish?.("superseded");
     byId("reset-rim").hidden = !this.store.state.rim;
     const { u, v, radius } = camera.circle;
     this.inputs.forEach(
@@ -121,15 +175,31 @@ export class RimPanel {
   }
 }
 
-/** Detect the mirror in the current frame, in pixels of the feed. */
-async function lookedAt(feed: Feed): Promise<DetectedOutline> {
-  const { image, scale } = await fileOf(feed, LOOKED_AT);
-  const result = await api.rim(image, feed.name);
+/** Detect the mirror in the original image or the current frame, in pixels of the feed. */
+async function outlineIn(
+  feed: Feed,
+  onStatus: Parameters<typeof api.outline>[2],
+  signal: AbortSignal,
+): Promise<DetectedOutline> {
+  const image = feed.file ?? (await fileOf(feed)).image;
+  const result = await api.outline(image, feed.name, onStatus, signal);
+  const scale = feed.width / result.image_size[0];
   const [u, v] = result.centre_px.map((c) => (c + 0.5) * scale - 0.5);
   return { ...result, centre_px: [u, v], radius_px: result.radius_px * scale };
 }
 
-export const percent = (share: number): string => `${Math.floor(100 * share)} %`;
+const rounded = ({ u, v, radius }: Circle): State["rim"] => {
+  const round = (x: number): number => Math.round(x * 100) / 100;
+  return [round(u), round(v), round(radius)];
+};
+
+const circleIn = ({ centre_px: [u, v], radius_px }: DetectedOutline): Circle => ({
+  u,
+  v,
+  radius: radius_px,
+});
+
+const percent = (share: number): string => `${Math.floor(100 * share)}\u00a0%`;
 
 /** Return true if the images of a camera have a given size. */
 export const hasSize = ({ image_size }: CameraInfo, [w, h]: readonly [number, number]): boolean =>

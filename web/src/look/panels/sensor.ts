@@ -91,11 +91,6 @@ export class SensorPanel {
     );
   }
 
-  /** Select a sensor with the mount of its file or another orientation, keeping the detected circle. */
-  async choose(sensor: string, rim: State["rim"], looks: CameraOrientation): Promise<void> {
-    await this.want({ sensor, ...AS_IN_FILE, rim, looks, pan: looks === "forward" ? -180 : 0 }); // through the mirror, a forward-looking camera images the scene behind it
-  }
-
   /** List the cameras of the server. */
   offer(entries: SensorEntry[]): void {
     this.select.replaceChildren(...entries.map((e) => this.option(e)));
@@ -137,9 +132,9 @@ export class SensorPanel {
         this.fetch(requested),
         this.callbacks.prepare(requested),
       ]);
+      const file = await stored(requested.sensor);
       if (number !== this.request) return false;
       this.chosen = Object.fromEntries(CHOSEN.map((key) => [key, requested[key]])) as Chosen;
-      const file = await stored(requested.sensor);
       this.createdFile = file?.isMade ? file : null;
       show?.();
       this.take(camera);
@@ -273,7 +268,8 @@ const ELSEWHERE =
   "This link requires a sensor file that is not stored in this browser; links contain the view, not the file. Select the file with Load…";
 const isSame = (a: Chosen, b: Chosen): boolean => CHOSEN.every((key) => a[key] === b[key]);
 const CHOSEN = ["sensor", "looks", "forward", "flipped", "pitch", "roll"] as const;
-const AS_IN_FILE = {
+/** Mount of the file, and no circle. */
+export const AS_IN_FILE = {
   rim: null,
   looks: null,
   forward: null,
