@@ -16,6 +16,7 @@ import numpy as np
 from ..base.caching import cached_property
 from ..base.typing import Array, Mask
 from ..cameras.camera import camera_direction
+from ..optics.housing import NO_HOUSING
 from ..optics.lenses import Lens
 from ..optics.sensor import Sensor
 from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints
@@ -216,7 +217,7 @@ class FullFieldEvaluation:
     def hidden(self) -> tuple[float, float]:
         """End of the central obscuration, deg, and the obscured image area, %."""
         obstructions = self.sensor.obstructions
-        if obstructions.housing.is_empty:
+        if obstructions.housing == NO_HOUSING:
             return self.field_deg[0], 0.0
         omega, phi = self._field_grid(FINE_RINGS, FINE_AZIMUTHS)
         chief = self._chief(camera_direction(omega, phi).reshape(-1, 3))

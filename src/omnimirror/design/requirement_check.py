@@ -19,6 +19,7 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
 from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
+from ..optics.housing import NO_HOUSING
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.meridian import ChiefRays
@@ -424,7 +425,7 @@ def check_requirements(
         raise InvalidParameter(
             f"the lens of the sensor must be {requirements.lens.kind}, as in the requirements; got {sensor.lens.KIND}"
         )
-    if sensor.housing.is_empty:
+    if sensor.housing == NO_HOUSING:
         sensor = replace(sensor, housing=requirements.housing)
     if sensor.thermal is None:
         sensor = replace(sensor, thermal=requirements.thermal)
