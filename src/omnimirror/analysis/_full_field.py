@@ -142,7 +142,7 @@ class FullFieldEvaluation:
     def _pixels(self, lens: Lens, reflections: ReflectionPoints) -> Array:
         """Return image positions (n, 2) px of chief rays relative to the lens axis."""
         image = lens.image_of(
-            reflections.facing_points - self.sensor.optical_train.lens_offset, reflections.to_pupils
+            reflections.facing_points - self.sensor.lens_offset, reflections.to_pupils
         )
         return np.asarray(image / self.sensor.imager.pitch_mm)
 

@@ -193,7 +193,7 @@ def without_fold(sensor: Sensor) -> Sensor:
     mirror = sensor.mirror
     if not isinstance(mirror, ConicAsphere):
         return sensor
-    distance = sensor.mirror_pose.displacement_mm - sensor.optical_train.pupil_offset[2]
+    distance = sensor.mirror_pose.displacement_mm - sensor.pupil_offset[2]
     x = np.linspace(0.0, mirror.rim_radius_mm, QUADRATURE)[1:]
     decreasing = np.flatnonzero(trace_chief_rays(mirror, distance, x).domega_dx() <= 0)
     if not len(decreasing) or decreasing[0] < 2:
@@ -216,7 +216,7 @@ def _prescribed_slopes(projection: MeridionalProjection, sensor: Sensor) -> tupl
     # law of reflection along the meridian, rho the distance from the pupil:
     # d(ln rho) / d(theta) = tan((Omega + theta) / 2), integrated by the trapezoidal rule
     log_rho = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(at))])
-    x = -sensor.optical_train.pupil_offset[2] * np.exp(log_rho) * np.sin(at)
+    x = -sensor.pupil_offset[2] * np.exp(log_rho) * np.sin(at)
     return x, np.tan((omega - at) / 2)
 
 

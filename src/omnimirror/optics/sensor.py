@@ -684,6 +684,18 @@ class Sensor:
 
     # -- skew rays ---------------------------------------------------------------------------------
 
+    @property
+    def lens_offset(self) -> Array:
+        """Reference point (3,) of the lens, mm from the nominal mirror vertex."""
+        second = 0.0 if self.secondary is None else self.secondary.distance_mm
+        return self.lens.offset(self.mirror_distance_mm, second)
+
+    @property
+    def pupil_offset(self) -> Array:
+        """Centre (3,) of the paraxial entrance pupil, mm from the nominal mirror vertex."""
+        offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
+        return offset
+
     @cached_property
     def optical_train(self) -> OpticalTrain:
         """Mirrors and lens in their poses, for skew ray tracing.

@@ -62,7 +62,7 @@ def native_optics(
     The origin is the entrance pupil.
     """
     mirror, pose, lens = sensor.mirror, sensor.mirror_pose, sensor.lens
-    m = 0.0 if lens.TELECENTRIC else sensor.mirror_distance_mm - lens.pupil.at_mm
+    m = -sensor.pupil_offset[2]
     curvature, conic, nodes = _surface(mirror)
     rotation = np.reshape(frame.turn, (3, 3)) @ sensor.mount.rotation()
     brown = lens.brown if isinstance(lens, Perspective) else NO_DISTORTION
@@ -78,7 +78,7 @@ def native_optics(
         fold=min(fold(brown[:3]), MAX_TANGENT),
         focus=lens.focus_distance_mm - lens.pupil.at_mm,
         stop=_stop(lens) if blur else 0.0,
-        vertex=tuple(pose.shift + np.array([0.0, 0.0, m])),
+        vertex=tuple(pose.shift - sensor.pupil_offset),
         axes=tuple(pose.rotation().T.ravel()),
         aligned=pose.is_axial,
         curvature=curvature,

@@ -673,14 +673,8 @@ class OpticalTrain:
     @property
     def lens_offset(self) -> Array:
         """Reference point (3,) of the lens."""
-        vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
-        return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
-
-    @property
-    def pupil_offset(self) -> Array:
-        """Centre (3,) of the paraxial entrance pupil of the lens."""
-        offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
-        return offset
+        second = 0.0 if self.secondary is None else self.secondary.distance_mm
+        return self.lens.offset(self.mirror_distance_mm, second)
 
     def clearances(
         self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array
