@@ -23,12 +23,11 @@ from ...cameras.models.camera_model import (
 )
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import save_camera
-from .._initial_sensor import without_fold
-from ..sensor_model import SensorModel
+from ..sensor_model import SensorModel, without_fold
 from ._accuracy import HeldOut, ModelCandidate, ParameterCovariance, UndeterminedCombination
 from ._bundle_adjustment import BundleAdjustment
-from ._residuals import BoardShape
 from .observation_checks import Coverage, Outlier, remaining_outliers
+from .observations import BoardShape
 
 
 class ImageResult(NamedTuple):
