@@ -135,8 +135,8 @@ class ToolOptions(Options):
     x_is_diameter: bool = setting("tool", False)
 
     def tool(self) -> Tool | None:
-        """Return the tool; None without options."""
-        return Tool(**self.given) if self.given else None
+        """Return the tool; None if all options have their default."""
+        return None if self == ToolOptions() else Tool(**self.given)
 
 
 @click.command(
