@@ -16,6 +16,7 @@ import argparse
 import multiprocessing
 import os
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -160,6 +161,7 @@ def measure(
             output = f"out-{number}-{list(methods).index(name)}"
             costs[name].append(method(make_job(folder, output, size, workers, per_block)))
             shutil.rmtree(folder / output)
+            print(f"{name}: {costs[name][-1]}", file=sys.stderr, flush=True)
     return costs
 
 

@@ -153,14 +153,14 @@ if TYPE_CHECKING:
     from .manufacturing.tolerancing.tolerances import Tolerance as Tolerance
     from .manufacturing.tolerancing.tolerances import Tolerances as Tolerances
     from .manufacturing.tolerancing.tolerances import perturbed as perturbed
+    from .optics.camera_files import load_camera as load_camera
+    from .optics.camera_files import parse_camera as parse_camera
+    from .optics.camera_files import save_camera as save_camera
     from .optics.mirrors import register_mirror as register_mirror
     from .optics.sensor import Sensor as Sensor
     from .optics.sensor_files import bundled_sensors as bundled_sensors
-    from .optics.sensor_files import load_camera as load_camera
     from .optics.sensor_files import load_sensor as load_sensor
-    from .optics.sensor_files import parse_camera as parse_camera
     from .optics.sensor_files import parse_sensor as parse_sensor
-    from .optics.sensor_files import save_camera as save_camera
     from .optics.sensor_files import save_sensor as save_sensor
     from .optics.thermal import Thermal as Thermal
     from .simulation.dataset_manifest import CalibrationRecipe as CalibrationRecipe
@@ -338,11 +338,11 @@ _HOMES = {
     "measure_round_trip": "simulation.round_trip",
     "load_scene": "simulation.scenes.scene_sources",
     "bundled_sensors": "optics.sensor_files",
-    "load_camera": "optics.sensor_files",
+    "load_camera": "optics.camera_files",
     "load_sensor": "optics.sensor_files",
-    "parse_camera": "optics.sensor_files",
+    "parse_camera": "optics.camera_files",
     "parse_sensor": "optics.sensor_files",
-    "save_camera": "optics.sensor_files",
+    "save_camera": "optics.camera_files",
     "save_sensor": "optics.sensor_files",
     "VideoSettings": "dewarp.request",
     "dewarp_images": "dewarp.image_folders",

@@ -16,11 +16,11 @@ from omnimirror.cameras.camera import Mount
 from omnimirror.design.catalogue import Catalogue, ImagerComponent, LensComponent
 from omnimirror.io.keyframes import Keyframes
 from omnimirror.manufacturing import Tool, tool_path
+from omnimirror.optics.camera_files import format_camera
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.lenses import Orthographic, Perspective
 from omnimirror.optics.mirrors import Sphere
-from omnimirror.optics.sensor_files import format_camera
 from omnimirror.simulation.ground_truth_maps import ground_truth
 from omnimirror.simulation.radiometry import Radiometry
 from tests.conftest import MIRRORS

@@ -22,12 +22,12 @@ from omnimirror.design import parse_requirements
 from omnimirror.interop.batch.job import parse_job
 from omnimirror.interop.file_schemas import KINDS
 from omnimirror.manufacturing.tolerancing.tolerance_file import TOLERANCE_ENTRIES, parse_tolerances
+from omnimirror.optics.camera_files import format_camera
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors import Sphere
 from omnimirror.optics.sensor_files import (
     HOUSING_PARTS,
     SENSOR_FOLDER,
-    format_camera,
     format_sensor,
     parse_sensor,
     tables_of,
@@ -172,6 +172,14 @@ def test_templates_conform_and_link_their_schema(monkeypatch):
     for kind, text in templates.items():
         assert problems(kind, tomllib.loads(text)) == []
         assert text.startswith(f"#:schema https://example.com/docs/schemas/{kind}.json\n")
+
+
+def test_bundled_sensors_link_their_schema():
+    text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
+    address = tomllib.loads(text)["project"]["urls"]["Documentation"]
+    for name in om.bundled_sensors():
+        lines = (SENSOR_FOLDER / f"{name}.toml").read_text(encoding="utf-8").splitlines()
+        assert lines[0] == f"#:schema {address}schemas/sensor.json"
 
 
 FILE_ENTRIES = [

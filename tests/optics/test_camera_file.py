@@ -14,7 +14,7 @@ from omnimirror.base.errors import InvalidParameter, SpecError
 from omnimirror.base.parameters import Uncertainty
 from omnimirror.cameras.camera import Mount
 from omnimirror.cameras.models import CAMERAS
-from omnimirror.optics.sensor_files import format_camera, is_ocam_text
+from omnimirror.optics.camera_files import format_camera, is_ocam_text
 from tests.contracts.test_camera_models import MODELS
 
 GOOD = """# A comment

@@ -66,7 +66,25 @@ class OmnimirrorWarning(UserWarning):
 
     The command line prints them; ``warnings.simplefilter("error", om.OmnimirrorWarning)`` raises
     them as exceptions.
+
+    Parameters
+    ----------
+    *message
+        The message, which becomes one line of bounded length.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import omnimirror as om
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always", om.OmnimirrorWarning)
+    ...     camera = om.parse_camera("3 -100 0 2.5e-3 \\n 2 100 50 \\n 239.5 319.5 \\n 1 0 0 \\n 480 640")
+    >>> [str(warning.message) for warning in caught]
+    []
     """
+
+    def __init__(self, *message: object) -> None:
+        super().__init__(*(one_line(str(part)) for part in message))
 
 
 class InvalidParameter(OmnimirrorError):

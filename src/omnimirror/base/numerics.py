@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from math import comb, factorial, sqrt
+from math import comb, factorial, isfinite, isnan, sqrt
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -90,8 +90,12 @@ def increasing_root(
 def sign_change(function: Callable[[float], float], low: float, high: float, xtol: float) -> float:
     """Return the position between ``low`` and ``high`` at which a function changes its sign.
 
-    Unlike SciPy's ``brentq`` it accepts NaN, which counts as non-negative. If rounding hides the
+    Unlike SciPy's ``brentq`` it accepts NaN, which counts as non-negative, and SciPy is not imported
+    [1]_. If rounding hides the
     change of sign, the end with the smaller absolute value is returned.
+
+    .. [1] T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a
+       nonlinear function without using derivatives, Adv. Eng. Softw. 28 (1997).
 
     >>> round(sign_change(lambda x: x * x - 2, 0.0, 2.0, 1e-12), 9)
     1.414213562
@@ -100,25 +104,31 @@ def sign_change(function: Callable[[float], float], low: float, high: float, xto
     >>> sign_change(lambda x: 1.0 + x, 0.0, 2.0, 1e-12)
     0.0
     """
-    from scipy.optimize import brentq
-
-    f_low, f_high = function(low), function(high)
+    f_low, f_high = float(function(low)), float(function(high))
     if (f_low < 0) == (f_high < 0):
-        return high if abs(f_high) < abs(f_low) or np.isnan(f_low) else low
-    values: dict[float, float] = {low: f_low, high: f_high}
-
-    def evaluate(x: float) -> float:
-        return values[x] if x in values else function(x)
-
-    if np.isfinite([f_low, f_high]).all():
-        try:
-            return float(brentq(evaluate, low, high, xtol=xtol))
-        except ValueError:  # NaN between the ends
-            pass
-    while abs(high - low) > xtol + BISECTION_TOLERANCE * max(abs(low), abs(high)):
-        middle = (low + high) / 2
-        low, high = (low, middle) if (function(middle) < 0) == (f_high < 0) else (middle, high)
-    return (low + high) / 2
+        return high if abs(f_high) < abs(f_low) or isnan(f_low) else low
+    # Chandrupatla: inverse quadratic interpolation through the ends a, b of the bracket and the
+    # previous end c where it is monotonic, otherwise bisection, at a + t (b - a).
+    a, b, f_a, f_b, t = low, high, f_low, f_high, 0.5
+    while True:
+        x = a + t * (b - a)
+        f = float(function(x))
+        if (f < 0) == (f_a < 0):
+            c, f_c = a, f_a
+        else:
+            b, c, f_b, f_c = a, b, f_a, f_b
+        a, f_a = x, f
+        nearer, f_nearer = (a, f_a) if abs(f_a) < abs(f_b) or isnan(f_b) else (b, f_b)
+        min_t = (xtol + BISECTION_TOLERANCE * abs(nearer)) / abs(b - a) if a != b else 1.0
+        if min_t > 0.5 or f_nearer == 0:
+            return nearer
+        t = 0.5
+        if isfinite(f_b) and isfinite(f_c) and f_c != f_b and f_c != f_a:
+            xi, phi = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
+            if phi**2 < xi and (1 - phi) ** 2 < 1 - xi:
+                t = f_a / (f_b - f_a) * f_c / (f_b - f_c)
+                t += (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
+        t = min(max(t, min_t), 1 - min_t)
 
 
 # -- Levenberg-Marquardt minimisation --------------------------------------------------------------

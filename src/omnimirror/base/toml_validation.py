@@ -1,66 +1,21 @@
-"""Validation of TOML tables: strict types, and errors with file, line, entry and valid values.
-
-Tables of parts with parameter descriptions (a mirror, a lens) are derived from these.
-"""
+"""Validation of TOML tables: plain values, and errors with file, line, entry and valid values."""
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
 import re
-import types
 import typing
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cache
 from itertools import takewhile
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from typing import Any
 
 from .arguments import format_value
 from .errors import OmnimirrorError, SpecError, abbreviate
 from .parameters import Parameter
 
 T = typing.TypeVar("T")
-
-
-class Table(BaseModel):
-    """Table of the file: strict types, no unknown keys, no infinities."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-
-M = typing.TypeVar("M", bound=Table)
-
-
-@cache
-def table_model(cls: type[Any]) -> type[Table]:
-    """Create the pydantic model of a part from its PARAMETERS."""
-    hints = typing.get_type_hints(cls)
-    defaults = {
-        f.name: ... if f.default is dataclasses.MISSING else f.default
-        for f in dataclasses.fields(cls)
-    }
-    parameters: dict[str, Parameter] = cls.PARAMETERS
-    entries: dict[str, Any] = {
-        name: (_annotation(hints[name], p), Field(defaults[name], description=p.description))
-        for name, p in parameters.items()
-    }
-    model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
-    return model
-
-
-def _annotation(hint: Any, p: Parameter) -> Any:
-    """Return the annotation of one field, with numbers bounded by the parameter's range."""
-    args = typing.get_args(hint)
-    if isinstance(hint, types.UnionType):
-        return _annotation(args[0], p) | None
-    if typing.get_origin(hint) is tuple:
-        return list[_annotation(args[0], p)]  # type: ignore[misc]  # type computed at run time
-    if hint is str:
-        return typing.Literal[p.choices]
-    return Annotated[hint, Field(ge=p.low, le=p.high, json_schema_extra={"unit": p.unit})]
 
 
 def merge_tables(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -199,43 +154,6 @@ def check_entries(
         )
 
 
-def validated(model: type[M], section: str, table: dict[str, Any], where: SourceLocator) -> M:
-    """Validate a table by its model; an error gives its line, the entry and the valid values."""
-    try:
-        return model.model_validate(table)
-    except ValidationError as e:
-        # a misspelt entry is the likely cause of a missing one: report it first
-        problem = min(e.errors(), key=lambda p: p["type"] != "extra_forbidden")
-        path = (section, *(str(p) for p in problem["loc"]))
-        raise where.error(path[:2], _error_message(model, path, problem)) from None
-
-
-def _error_message(model: type[Table], path: tuple[str, ...], problem: Any) -> str:
-    """Convert a pydantic error to a message with the value and the valid values."""
-    name, value = ".".join(path[:2]), problem["input"]
-    index = next((f"[{p}]" for p in path[2:] if p.isdigit()), "")
-    match problem["type"]:
-        case "missing":
-            return f"{name} is missing{_describe(model, path[1])}"
-        case "extra_forbidden":
-            names = list(model.model_fields)
-            return f"unknown entry {name}{did_you_mean(path[1], names)}; use {', '.join(names)}"
-        case "literal_error":
-            return f"{name} must be one of {problem['ctx']['expected']}; got {format_value(value)}"
-        case _:
-            requirement = re.sub(r"^(Input|List|String|Tuple|it) should", "must", problem["msg"])
-            requirement = re.sub(r" after validation, not \d+$", "", requirement)
-            return (
-                f"{name}{index} {requirement}; got "
-                f"{format_value(value)}{_describe(model, path[1]) if path[1:] else ''}"
-            )
-
-
-def _describe(model: type[Table], name: str) -> str:
-    description = model.model_fields[name].description
-    return f" ({description})" if description else ""
-
-
 def did_you_mean(word: str, names: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, list(names), n=1, cutoff=0.5)
     return f"; did you mean {close[0]}?" if close else ""
@@ -255,3 +173,63 @@ def class_of(
             f"unknown {section}.kind {format_value(kind)}{hint}; use {', '.join(registry)}",
         )
     return registry[kind]
+
+
+def plain_values(cls: type[Any], table: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the entries of a part's table with its defaults, if all of them are plainly valid.
+
+    Parameters
+    ----------
+    cls
+        Dataclass with the parameter descriptions PARAMETERS.
+    table
+        Table of the part.
+
+    Returns
+    -------
+    dict or None
+        Values of all parameters, equal to those of the model of the part
+        (:func:`omnimirror.base.table_models.table_model`). None if an entry is invalid, missing or
+        neither a number nor a word; the model then validates the table.
+
+    Examples
+    --------
+    >>> from omnimirror.optics.mirrors.mirror import MirrorPose
+    >>> plain_values(MirrorPose, {"tilt_x_deg": 1})["tilt_x_deg"]
+    1.0
+    >>> plain_values(MirrorPose, {"tilt_x_deg": "1"}) is None
+    True
+    """
+    parameters: dict[str, Parameter] = cls.PARAMETERS
+    if not parameters.keys() >= table.keys():
+        return None
+    values = {}
+    for field in dataclasses.fields(cls):
+        name = field.name
+        if name not in parameters:
+            continue
+        if name not in table:
+            if field.default is dataclasses.MISSING:
+                return None
+            values[name] = field.default
+            continue
+        value = plain_value(table[name], str(field.type), parameters[name])
+        if value is None:
+            return None
+        values[name] = value
+    return {name: values[name] for name in parameters}
+
+
+def plain_value(value: Any, annotation: str, parameter: Parameter) -> Any:
+    """Return numbers within the range of a parameter, or one of its words; otherwise None."""
+    kind = annotation.removesuffix(" | None")
+    if kind.startswith("tuple[float,") and isinstance(value, list):
+        numbers = tuple(plain_value(number, "float", parameter) for number in value)
+        return None if None in numbers else numbers
+    if kind == "str":
+        return value if isinstance(value, str) and value in parameter.choices else None
+    if type(value) not in ((int, float) if kind == "float" else (int,)):
+        return None
+    if kind not in ("float", "int") or not parameter.low <= value <= parameter.high:
+        return None
+    return float(value) if kind == "float" else int(value)

@@ -114,6 +114,7 @@ def inside_image(pixels: Array, size: tuple[int, int]) -> Mask:
 
 
 CameraLooks = Literal["up", "down", "forward"]
+FULL_TURN_DEG, MAX_PITCH_DEG, MAX_ROLL_DEG = 360, 90, 180  # magnitudes in files
 
 
 @dataclass(frozen=True)

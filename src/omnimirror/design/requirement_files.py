@@ -14,22 +14,16 @@ from pydantic import Field
 from ..base.arguments import file_name, instance, validate_arguments
 from ..base.errors import SpecError
 from ..base.files import parse_toml, read_text
-from ..base.toml_validation import (
-    NullLocator,
-    SourceLocator,
-    Table,
-    check_entries,
-    merge_tables,
-    table_model,
-    validated,
-)
+from ..base.table_models import Table, table_model, validated
+from ..base.toml_validation import NullLocator, SourceLocator, check_entries, merge_tables
 from ..cameras.camera import Mount
 from ..optics.housing import NO_HOUSING
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors.measured import MAPPING_FILE
 from ..optics.sensor import Sensor, check_sensor
-from ..optics.sensor_files import MountTable, housing_of, housing_tables, lens_of, lens_table
+from ..optics.sensor_files import housing_of, housing_tables, lens_of, lens_table
+from ..optics.sensor_tables import MountTable
 from ..optics.thermal import Thermal
 from .catalogue import TYPICAL
 from .limits import LIMITABLE, Limit

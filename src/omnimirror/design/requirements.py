@@ -17,14 +17,8 @@ from pydantic_core.core_schema import no_info_plain_validator_function
 
 from ..base.arguments import finite, format_value, instance, numbers
 from ..base.errors import InvalidParameter
-from ..base.toml_validation import (
-    EntryError,
-    NullLocator,
-    SourceLocator,
-    Table,
-    did_you_mean,
-    validated,
-)
+from ..base.table_models import Table, validated
+from ..base.toml_validation import EntryError, NullLocator, SourceLocator, did_you_mean
 from ..cameras.camera import Mount
 from ..optics.batch.families import FreeformFamily
 from ..optics.housing import NO_HOUSING, Housing

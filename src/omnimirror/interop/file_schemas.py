@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 from ..base.arguments import choice
 from ..base.project import schema_address
-from ..base.toml_validation import Table, table_model
+from ..base.table_models import Table, table_model
 from ..cameras.models import CAMERAS
 from ..design import requirement_files
 from ..design.limits import LIMITABLE
@@ -30,23 +30,16 @@ from ..design.requirements import (
 from ..dewarp import views
 from ..manufacturing.tolerancing import tolerance_file
 from ..manufacturing.tolerancing.tolerance_file import TOLERANCE_ENTRIES
-from ..optics import sensor_files
+from ..optics import camera_files, sensor_files
+from ..optics.camera_files import CAMERA_ENTRIES, camera_model
 from ..optics.image_sensor import Imager, ImagerPose
 from ..optics.lenses import LENSES
 from ..optics.mirrors import MIRRORS, SECONDARIES
 from ..optics.mirrors.mappings import MAPPINGS
 from ..optics.mirrors.measured import MAPPING_FILE
 from ..optics.mirrors.mirror import MirrorForm, MirrorPose
-from ..optics.sensor_files import (
-    CAMERA_ENTRIES,
-    HOUSING_PARTS,
-    SENSOR_ENTRIES,
-    MountTable,
-    SensorMountTable,
-    UncertaintyTable,
-    camera_model,
-    secondary_model,
-)
+from ..optics.sensor_files import HOUSING_PARTS, SENSOR_ENTRIES
+from ..optics.sensor_tables import MountTable, SensorMountTable, UncertaintyTable, secondary_model
 from ..optics.thermal import Thermal
 from .batch import job
 from .named_views import MAX_VIEWS, NAME, STEERABLE_KIND, options_model
@@ -123,7 +116,7 @@ def _camera() -> Schema:
         "uncertainty": _table(UncertaintyTable),
     }
     return _file(
-        "Camera file", CAMERA_ENTRIES, tables, sensor_files.CAMERA_FILE_FORMAT, ("camera",)
+        "Camera file", CAMERA_ENTRIES, tables, camera_files.CAMERA_FILE_FORMAT, ("camera",)
     )
 
 

@@ -14,7 +14,8 @@ from pydantic import create_model
 from ..base.arguments import check_fields, file_name
 from ..base.errors import InvalidParameter, SpecError
 from ..base.files import read_tables
-from ..base.toml_validation import Table, did_you_mean, merge_tables
+from ..base.table_models import Table
+from ..base.toml_validation import did_you_mean, merge_tables
 from ..cameras.camera import Camera
 from ..dewarp import views
 from ..dewarp.screens import View

@@ -303,7 +303,6 @@ def decode_image_and_metadata(
     path: str | Path, data: bytes, *, stored_orientation: bool = False
 ) -> tuple[Image, ImageMetadata]:
     """Decode an image and its metadata from the bytes of a file; ``path`` names it in messages."""
-    path = Path(path)
     if not data:
         raise MediaError(f"cannot read the image {path}: the file is empty")
     metadata = read_metadata(data)
@@ -371,11 +370,11 @@ def _data_of(path: Path) -> bytes:
     return data
 
 
-def _decoded(path: Path, data: bytes) -> Image:
+def _decoded(path: str | Path, data: bytes) -> Image:
     if not data.startswith(exr.MAGIC):
         return decoded(path, data)
     _check_decoded_size(path, data)
-    return exr.read_exr(path, data)
+    return exr.read_exr(Path(path), data)
 
 
 def _check_decoded_size(path: str | Path, data: bytes) -> None:

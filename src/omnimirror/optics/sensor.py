@@ -39,6 +39,7 @@ from .tracing.two_mirrors import TwoMirrorMeridian
 
 # -- Sensor ----------------------------------------------------------------------------------------
 
+MAX_MIRROR_DISTANCE_MM = 1e7  # in sensor files
 MAX_PUPIL_COORDINATE = 1e3  # largest aperture coordinate, in pupil radii
 MIRROR_PROPERTIES = ("meridian", "_hidden", "_hidden_merged")  # independent of the lens
 SensorProperty = Literal["single mirror", "thin lens", "perpendicular imager", "ideal except poses"]

@@ -1,4 +1,4 @@
-"""Sensor and camera files: lossless conversion between TOML and sensors or camera models.
+"""Sensor files: lossless conversion between TOML and sensors.
 
 The tables of mirror, lens and imager are derived from the parameter descriptions of their classes;
 a new mirror needs no code here.
@@ -7,59 +7,53 @@ a new mirror needs no code here.
 from __future__ import annotations
 
 import dataclasses
-import re
-import types
 import typing
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import tomli_w
-from pydantic import Field, create_model
 
-from ..base.arguments import file_name, format_value, instance, validate_arguments
-from ..base.errors import OmnimirrorError, SpecError
-from ..base.escaping import line_comment
+from ..base.arguments import file_name, format_value, validate_arguments
+from ..base.errors import SpecError
 from ..base.files import parse_toml, read_text, write_text
-from ..base.parameters import Uncertainty
+from ..base.parameters import Parameter, Uncertainty
 from ..base.toml_validation import (
     SourceLocator,
-    Table,
     check_entries,
     class_of,
     did_you_mean,
     merge_tables,
-    table_model,
-    validated,
+    plain_value,
+    plain_values,
 )
-from ..cameras.camera import CameraLooks, Mount
-from ..cameras.models import CAMERAS, CalibratedCamera, RadialModel, load_ocam, parse_ocam
+from ..cameras.camera import (
+    FULL_TURN_DEG,
+    MAX_PITCH_DEG,
+    MAX_ROLL_DEG,
+    CameraLooks,
+    Mount,
+)
 from .housing import NO_HOUSING, SHELLS, CameraBody, Housing, Rim, Rod
 from .image_sensor import Imager, ImagerPose
 from .lenses import LENSES, Lens
 from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
 from .mirrors.mirror import MirrorForm, MirrorPose
-from .sensor import Sensor, check_sensor
+from .sensor import MAX_MIRROR_DISTANCE_MM, Sensor, check_sensor
 from .thermal import Thermal
 
 __all__ = [
     "HOUSING_PARTS",
-    "AnyCamera",
     "bundled_sensors",
-    "format_camera",
     "format_sensor",
     "housing_of",
     "housing_tables",
-    "is_ocam_text",
     "lens_of",
     "lens_table",
-    "load_camera",
     "load_sensor",
-    "parse_camera",
     "parse_sensor",
-    "save_camera",
     "save_sensor",
     "sensor_of",
     "tables_of",
@@ -224,7 +218,7 @@ def sensor_of(data: dict[str, Any], where: SourceLocator, folder: Path | None = 
         parts["secondary"] = _secondary(data, folder, where)
     if "housing" in data:
         parts["housing"] = housing_of(data["housing"], where)
-    mount = validated(SensorMountTable, "mount", data.get("mount", {}), where).model_dump()
+    mount = _mount_values(data.get("mount", {}), where)
     distance = mount.pop("mirror_distance_mm")
     make = partial(
         Sensor,
@@ -281,6 +275,33 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
     return data
 
 
+MOUNT_RANGES = {
+    "forward_azimuth_deg": Parameter("deg", -FULL_TURN_DEG, FULL_TURN_DEG),
+    "pitch_deg": Parameter("deg", -MAX_PITCH_DEG, MAX_PITCH_DEG),
+    "roll_deg": Parameter("deg", -MAX_ROLL_DEG, MAX_ROLL_DEG),
+    "mirror_distance_mm": Parameter("mm", np.nextafter(0, 1), MAX_MIRROR_DISTANCE_MM),
+}
+
+
+def _mount_values(table: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
+    """Return the entries of the table [mount] with defaults."""
+    values: dict[str, Any] = {**dataclasses.asdict(Mount()), "mirror_distance_mm": None}
+    for name, value in table.items():
+        if name in MOUNT_RANGES:
+            number = plain_value(value, "float", MOUNT_RANGES[name])
+        else:
+            is_plain = name == "image_flipped" and isinstance(value, bool)
+            is_word = name == "camera_looks" and value in typing.get_args(CameraLooks)
+            number = value if is_plain or is_word else None
+        if number is None:
+            from ..base.table_models import validated
+            from .sensor_tables import SensorMountTable
+
+            return validated(SensorMountTable, "mount", table, where).model_dump()
+        values[name] = number
+    return values
+
+
 def mount_table(mount: Mount) -> dict[str, Any]:
     """Return the table [mount], without pitch and roll if they are 0."""
     table = dataclasses.asdict(mount)
@@ -316,24 +337,6 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
     """
     check_sensor(sensor)
     write_text(file_name("path", path), format_sensor(sensor))
-
-
-class MountTable(Table):
-    """Orientation of a sensor: optical axis, pitch and roll."""
-
-    camera_looks: CameraLooks = "up"
-    forward_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = -90.0
-    image_flipped: bool = False
-    pitch_deg: Annotated[
-        float, Field(ge=-90, le=90, description="elevation of the forward direction")
-    ] = 0.0
-    roll_deg: Annotated[
-        float, Field(ge=-180, le=180, description="clockwise rotation about the forward direction")
-    ] = 0.0
-
-
-class SensorMountTable(MountTable):
-    mirror_distance_mm: Annotated[float, Field(gt=0, le=1e7)] | None = None
 
 
 def _table(part: Any) -> dict[str, Any]:
@@ -399,33 +402,34 @@ def _class_and_table(
 def _secondary(data: dict[str, Any], folder: Path | None, where: SourceLocator) -> Secondary:
     """Create the second mirror: its table has the entries of its kind and of its position."""
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
-    values = _values(secondary_model(cls), "secondary", table, where)
+    mirror = plain_values(cls, {k: v for k, v in table.items() if k not in Secondary.PARAMETERS})
+    place = plain_values(Secondary, {k: v for k, v in table.items() if k in Secondary.PARAMETERS})
+    if mirror is None or place is None:
+        from ..base.table_models import validated
+        from .sensor_tables import secondary_model
+
+        values = _tuples(validated(secondary_model(cls), "secondary", table, where).model_dump())
+    else:
+        values = {**mirror, **place}
     position = {name: values.pop(name) for name in Secondary.PARAMETERS}
     return where.wrap(("secondary",), lambda: Secondary(cls(**values), **position))
 
 
-def secondary_model(cls: type[Mirror]) -> type[Table]:
-    """Create the pydantic model of the table [secondary] of a kind of mirror."""
-    return create_model("secondary", __base__=(table_model(cls), table_model(Secondary)))
-
-
 def _build(section: str, cls: type[Any], table: dict[str, Any], where: SourceLocator) -> Any:
     """Create a part from its validated table."""
-    values = _values(table_model(cls), section, table, where)  # type: ignore[arg-type]  # the cache requires Hashable
+    values = plain_values(cls, table)
+    if values is None:
+        from ..base.table_models import table_model, validated
+
+        values = _tuples(validated(table_model(cls), section, table, where).model_dump())  # type: ignore[arg-type]  # the cache requires Hashable
     return where.wrap((section,), lambda: cls(**values))
-
-
-class UncertaintyTable(Table):
-    """Covariance of the parameters of a sensor or camera, by rows."""
-
-    names: list[str]
-    covariance: list[list[float]]
-    field_deg: float | None = None
-    marginal_sigmas: list[float] | None = None
 
 
 def uncertainty_of(table: dict[str, Any], where: SourceLocator) -> Uncertainty:
     """Create a covariance from the table ``[uncertainty]``."""
+    from ..base.table_models import validated
+    from .sensor_tables import UncertaintyTable
+
     values = validated(UncertaintyTable, "uncertainty", table, where).model_dump()
     return where.wrap(("uncertainty",), partial(Uncertainty, **values))
 
@@ -500,300 +504,6 @@ def housing_tables(housing: Housing) -> dict[str, Any]:
     return {name: _table(part) for name, part in parts.items() if part is not None}
 
 
-def _values(
-    model: type[Table], section: str, table: dict[str, Any], where: SourceLocator
-) -> dict[str, Any]:
-    """Return the validated entries of a table, with lists as tuples."""
-    values = validated(model, section, table, where).model_dump()
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    """Return validated entries with lists as tuples."""
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-
-
-# -- Camera files ----------------------------------------------------------------------------------
-
-AnyCamera: TypeAlias = Sensor | CalibratedCamera
-
-CAMERA_FILE_FORMAT = 1
-CAMERA_ENTRIES: dict[str, type] = {
-    "format": int,
-    "camera": dict,
-    "mount": dict,
-    "uncertainty": dict,
-}
-"""Entries and tables of a camera file with their types."""
-CALIBRATION_MARK = '"held_out_rms_px":'  # in its JSON
-OCAM_ENTRIES = ("optics", "rim_radius_px")  # not in its file
-SEPARATE_TABLES = ("mount", "uncertainty")  # fields of a model with separate tables
-
-
-def load_camera(name_or_path: str | Path, changes: dict[str, Any] | None = None) -> AnyCamera:
-    """Read a camera file, a sensor file, an OCamCalib file, or a bundled sensor.
-
-    OCamCalib's file does not distinguish mirrors from fisheyes; a mirror is assumed. Specify a
-    fisheye, or the radius of the field, with the changes ``{"camera": {"optics": "fisheye",
-    "rim_radius_px": 400.0}}``, or use :func:`omnimirror.load_ocam`.
-
-    Parameters
-    ----------
-    name_or_path
-        File, or one of :func:`omnimirror.bundled_sensors`.
-    changes
-        Replacements for entries of the file, as for :func:`load_sensor`.
-
-    Returns
-    -------
-    Sensor or camera model
-        Camera of the file.
-
-    Raises
-    ------
-    SpecError
-        If the file or name does not exist, or an entry is unknown, missing or invalid. The message
-        gives the file, the line and the valid values.
-
-    Examples
-    --------
-    >>> import omnimirror as om, tempfile
-    >>> camera = om.Unified(
-    ...     xi=0.96, focal_px=(220.0, 220.0), centre_px=(319.5, 239.5), image_size=(640, 480)
-    ... )
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     om.save_camera(camera, f"{folder}/mine.toml")
-    ...     om.load_camera(f"{folder}/mine.toml") == camera
-    True
-    """
-    path, absent = find("sensor file, camera file", name_or_path)
-    text = read_text(path, "camera file", SpecError, absent)
-    if is_ocam_text(text):
-        return load_ocam(path, **_ocam_entries(changes, str(path)))
-    return parse_camera(text, str(path), path.parent, changes)
-
-
-@validate_arguments
-def parse_camera(
-    text: str,
-    source: str = "camera file",
-    folder: Path | None = None,
-    changes: dict[str, Any] | None = None,
-) -> AnyCamera:
-    """Parse a camera from the text of its file; see :func:`load_camera`.
-
-    Parameters
-    ----------
-    text
-        TOML, or OCamCalib's format.
-    source
-        Name of the text in errors.
-    folder
-        Folder of the files that a sensor names; with None it must not name a file.
-    changes
-        Replacements for entries of the text, as for :func:`load_sensor`.
-
-    Returns
-    -------
-    Sensor or camera model
-        Camera of the text.
-
-    Raises
-    ------
-    SpecError
-        If an entry is unknown, missing or invalid. The message states the line and the valid
-        values.
-
-    Examples
-    --------
-    >>> import omnimirror as om
-    >>> om.parse_camera("3 -100 0 2.5e-3 \\n 2 100 50 \\n 239.5 319.5 \\n 1 0 0 \\n 480 640").image_size
-    (640, 480)
-    """
-    if is_ocam_text(text):
-        return parse_ocam(text, source, **_ocam_entries(changes, source))
-    try:
-        data, where = parse_toml(text, source), SourceLocator(text, source)
-    except SpecError as e:
-        raise SpecError(f"{e}{_hint(text, source)}") from None
-    is_camera_file = "camera" in data
-    if changes and "camera" in changes and not is_camera_file:
-        raise SpecError(f"entries of camera require a camera file; {source} is a sensor file")
-    data = merge_tables(data, changes or {})
-    return camera_of(data, where) if is_camera_file else sensor_of(data, where, folder)
-
-
-def _ocam_entries(changes: dict[str, Any] | None, source: str) -> dict[str, Any]:
-    """Return the changes of an OCamCalib file, which are entries that it does not contain."""
-    for table, entries in (changes or {}).items():
-        for name in entries if isinstance(entries, dict) else [""]:
-            if table != "camera" or name not in OCAM_ENTRIES:
-                raise SpecError(
-                    f"entries of {source}, an OCamCalib file, must be from "
-                    f"{', '.join(f'camera.{entry}' for entry in OCAM_ENTRIES)}; "
-                    f"got {f'{table}.{name}'.rstrip('.')}; convert it with omnimirror convert"
-                )
-    return dict((changes or {}).get("camera", {}))
-
-
-def _hint(text: str, source: str) -> str:
-    """Return a hint for a file in another format, as the end of a sentence."""
-    if CALIBRATION_MARK in text:
-        return "; the file contains the results of a calibration; the camera is in the output file of its -o option"
-    if Path(source).suffix.lower() in ("", ".toml"):
-        return ""
-    return "; convert camera files of other programs with omnimirror convert"
-
-
-def is_ocam_text(text: str) -> bool:
-    """Return True if the first content line is purely numeric, as in OCamCalib's file.
-
-    >>> is_ocam_text("#polynomial\\n\\n5 -131.4 0 1e-3"), is_ocam_text("format = 1")
-    (True, False)
-    """
-    first = next(
-        (words for line in text.splitlines() if (words := line.split("#")[0].split())), ["none"]
-    )
-    return all(re.fullmatch(r"[-+.\deE]+|[+-]?(nan|inf)", word, re.I) for word in first)
-
-
-def camera_of(data: dict[str, Any], where: SourceLocator) -> CalibratedCamera:
-    """Create a camera model from the tables of a camera file; ``where`` locates errors."""
-    check_entries(data, CAMERA_ENTRIES, CAMERA_FILE_FORMAT, where)
-    cls: type[CalibratedCamera] = class_of("camera", data, CAMERAS, where)
-    table = {k: v for k, v in data["camera"].items() if k != "kind"}
-    values = _tuples(validated(camera_model(cls), "camera", table, where).model_dump())
-    mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
-    try:
-        camera = cls(**values, mount=mount)
-    except OmnimirrorError as e:
-        entry_name = re.match(r"\w+", str(e))
-        entry = ("camera", entry_name[0]) if entry_name and entry_name[0] in table else ("camera",)
-        raise where.error(entry, f"camera.{e}" if len(entry) > 1 else str(e)) from None
-    if "uncertainty" not in data:
-        return camera
-    uncertainty = uncertainty_of(data["uncertainty"], where)
-    where.wrap(("uncertainty",), lambda: uncertainty.of([p.name for p in camera.parameters]))
-    return dataclasses.replace(camera, uncertainty=uncertainty)
-
-
-def format_camera(camera: Sensor | RadialModel, notes: str = "") -> str:
-    """Format a camera as the text of its file; reading it returns an equal camera.
-
-    Parameters
-    ----------
-    camera
-        Camera model, or sensor; for a sensor, see :func:`omnimirror.save_sensor`.
-    notes
-        Text of a comment at the top.
-
-    Returns
-    -------
-    str
-        TOML text.
-
-    Raises
-    ------
-    InvalidParameter
-        If the camera cannot be stored in a file.
-
-    Examples
-    --------
-    >>> import omnimirror as om
-    >>> camera = om.KannalaBrandt(
-    ...     focal_px=(170.0, 170.0), centre_px=(319.5, 239.5), image_size=(640, 480)
-    ... )
-    >>> parse_camera(format_camera(camera, "seen twice")) == camera
-    True
-    """
-    types: tuple[type[Any], ...] = (Sensor, *CAMERAS.values())
-    instance("camera", camera, types, f"a sensor, or a camera of kind {', '.join(CAMERAS)}")
-    instance("notes", notes, str, "text")
-    comment = "".join(f"# {line_comment(line)}\n" for line in notes.splitlines())
-    return comment + (
-        format_sensor(camera)
-        if isinstance(camera, Sensor)
-        else tomli_w.dumps(camera_tables(camera))
-    )
-
-
-def camera_tables(camera: RadialModel) -> dict[str, Any]:
-    """Return the tables of a camera's file, as plain data."""
-    table: dict[str, Any] = {"kind": camera.KIND}
-    for f in _fields_of(type(camera)):
-        value = getattr(camera, f.name)
-        if value is not None and (f.default != 0.0 or value != 0.0):
-            table[f.name] = _plain(value)
-    tables = {"format": CAMERA_FILE_FORMAT, "camera": table, "mount": mount_table(camera.mount)}
-    if (uncertainty := camera.uncertainty) is not None:
-        tables["uncertainty"] = uncertainty_table(uncertainty)
-    return tables
-
-
-def save_camera(camera: Sensor | RadialModel, path: str | Path, notes: str = "") -> None:
-    """Write a camera's file atomically.
-
-    Parameters
-    ----------
-    camera
-        Camera model, or sensor; for a sensor, see :func:`omnimirror.save_sensor`.
-    path
-        Name of the file.
-    notes
-        Text of a comment at the top.
-
-    Raises
-    ------
-    OmnimirrorError
-        If the file cannot be written, or the camera cannot be stored in a file.
-
-    Examples
-    --------
-    >>> import omnimirror as om, tempfile
-    >>> camera = om.RadialSpline(
-    ...     radii_px=(100.0, 200.0, 300.0),
-    ...     field_deg=270.0,
-    ...     centre_px=(319.5, 319.5),
-    ...     image_size=(640, 640),
-    ... )
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     om.save_camera(camera, f"{folder}/mine.toml", "calibrated today")
-    ...     om.load_camera(f"{folder}/mine.toml") == camera
-    True
-    """
-    write_text(file_name("path", path), format_camera(camera, notes))
-
-
-@cache
-def camera_model(cls: type[RadialModel]) -> type[Table]:
-    """Create the pydantic model of the table [camera] of a kind from its fields."""
-    hints = typing.get_type_hints(cls)
-    entries: dict[str, Any] = {}
-    for f in _fields_of(cls):
-        default = ... if f.default is dataclasses.MISSING else _plain(f.default)
-        entries[f.name] = (_annotation(hints[f.name]), default)
-    model: type[Table] = create_model(cls.__name__, __base__=Table, **entries)
-    return model
-
-
-def _fields_of(cls: type[Any]) -> list[dataclasses.Field[Any]]:
-    """Return the fields stored in a camera's table."""
-    return [f for f in dataclasses.fields(cls) if f.init and f.name not in SEPARATE_TABLES]
-
-
-def _annotation(hint: Any) -> Any:
-    """Return the annotation of a TOML array of fixed length for a tuple."""
-    args = typing.get_args(hint)
-    if isinstance(hint, types.UnionType):
-        return _annotation(args[0]) | None
-    if typing.get_origin(hint) is not tuple:
-        return hint
-    if args[1:] == (...,):
-        return list[args[0]]  # type: ignore[valid-type]  # type computed at run time
-    return Annotated[list[args[0]], Field(min_length=len(args), max_length=len(args))]  # type: ignore[valid-type]  # type computed at run time
-
-
-def _tuples(value: Any) -> Any:
-    """Convert lists to tuples, recursively."""
-    if isinstance(value, dict):
-        return {k: _tuples(v) for k, v in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
-def _plain(value: Any) -> Any:
-    return list(map(_plain, value)) if isinstance(value, tuple) else value

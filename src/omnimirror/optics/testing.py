@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.arguments import instance
 from ..base.errors import OmnimirrorError
-from ..base.toml_validation import table_model
+from ..base.table_models import table_model
 from ..base.typing import Array
 from .mirrors import MIRRORS, Mirror
 

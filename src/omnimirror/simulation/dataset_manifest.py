@@ -16,8 +16,8 @@ from ..base.arguments import check_fields
 from ..base.errors import InvalidParameter, MediaError
 from ..base.files import MAX_TEXT_BYTES, parse_json, read_bytes, write_text
 from ..io.keyframes import Keyframes
+from ..optics.camera_files import AnyCamera, format_camera, parse_camera
 from ..optics.sensor import Sensor
-from ..optics.sensor_files import AnyCamera, format_camera, parse_camera
 from .detector import Detector
 from .radiometry import Radiometry
 from .scenes.calibration_hall import Hall

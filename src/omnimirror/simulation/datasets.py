@@ -30,7 +30,7 @@ from ..io.batch import Job
 from ..io.exr import check_exr_can_be_written
 from ..io.images import encoded
 from ..io.keyframes import Keyframes
-from ..optics.sensor_files import AnyCamera, save_camera
+from ..optics.camera_files import AnyCamera, save_camera
 from .dataset_manifest import (
     FRAMES,
     CalibrationRecipe,

@@ -32,7 +32,7 @@ from omnimirror.apps.studio.calibration_messages import (
 )
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.targets.board_detection import compared
-from omnimirror.optics.sensor_files import parse_camera
+from omnimirror.optics.camera_files import parse_camera
 
 from .boards import BLANK, BOARD, BOARD_REQUEST, CAMERA, COMPLETE_COUNT, photograph, png
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.optics.sensor_files import parse_camera
+from omnimirror.optics.camera_files import parse_camera
 from tests.conftest import SHARED
 
 from .boards import BLANK, BOARD, CAMERA, photograph, png

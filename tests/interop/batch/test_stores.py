@@ -10,7 +10,7 @@ import omnimirror as om
 from omnimirror.base.block_runner import Retries
 from omnimirror.base.errors import MediaError, OmnimirrorError
 from omnimirror.interop.batch.stores import Store
-from omnimirror.io.images import encode_image
+from omnimirror.io.images import decode_image_and_metadata, encode_image
 from tests.interop.batch.archives import SENSOR, VIEWS, contents, image, job_of, write_archive
 from tests.interop.batch.s3_server import (
     Faults,
@@ -177,3 +177,8 @@ def test_failed_write_keeps_the_old_file(tmp_path, monkeypatch):
     monkeypatch.undo()
     assert store.read("a.png") == b"old"
     assert not list((tmp_path / "_manifest" / "_temporary").iterdir())
+
+
+def test_messages_contain_the_complete_url_of_a_damaged_input():
+    with pytest.raises(OmnimirrorError, match=r"cannot read the image s3://archive/a\.png: "):
+        decode_image_and_metadata("s3://archive/a.png", b"broken")

@@ -35,8 +35,8 @@ from ._output import print_remark
 
 if TYPE_CHECKING:
     from ...calibration.rim import MirrorOutline
+    from ...optics.camera_files import AnyCamera
     from ...optics.sensor import Sensor
-    from ...optics.sensor_files import AnyCamera
 
 
 # -- Orientation of images and videos --------------------------------------------------------------
@@ -133,7 +133,7 @@ class CameraOptions(Options):
         """
         camera: AnyCamera
         if self.sensor is not None:
-            from ...optics.sensor_files import load_camera  # not required for a ball
+            from ...optics.camera_files import load_camera  # not required for a ball
 
             entries = self.subset(*MODEL_ENTRIES)
             camera = load_camera(self.sensor, {"camera": entries} if entries else None)

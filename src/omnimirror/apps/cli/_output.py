@@ -12,19 +12,10 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 from rich.text import Text
 
@@ -33,6 +24,9 @@ from ...base.files import is_same_file, is_standard_output
 from ...base.logs import OnProgress
 from ...base.quantities import QUANTITIES
 from ._process_state import QUIET
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, ProgressColumn
 
 RATE_AVERAGING_S = 5.0
 FIGURES = ("png", "svg", "pdf")
@@ -269,6 +263,8 @@ def print_notice(message: object) -> None:
 @contextmanager
 def frame_rate_bar() -> Iterator[OnProgress]:
     """Show a progress bar of frames and frame rate on terminals, and yield its update function."""
+    from rich.progress import MofNCompleteColumn, TextColumn
+
     column = TextColumn("{task.fields[rate]:.0f} frames/s")
     with _counting_bar("Dewarping", MofNCompleteColumn(), column) as bar:
         task = bar.add_task("", total=None, rate=0.0)
@@ -298,12 +294,16 @@ def count_bar(
     count
         Column after the bar; a percentage by default.
     """
+    from rich.progress import TextColumn
+
     with _counting_bar(activity, count or TextColumn("{task.percentage:.0f} %")) as bar:
         task = bar.add_task("", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _counting_bar(activity: str, *columns: ProgressColumn) -> Progress:
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
     console = Console(stderr=True, quiet=is_quiet())
     return Progress(
         TextColumn(activity, markup=False),
@@ -318,6 +318,8 @@ def _counting_bar(activity: str, *columns: ProgressColumn) -> Progress:
 
 def progress_bar(console: Console) -> Progress:
     """Return a transient progress bar with a description, for terminals only."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     return Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),

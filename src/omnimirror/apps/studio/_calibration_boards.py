@@ -21,7 +21,7 @@ from ...calibration.targets.board_detection import compared
 from ...calibration.targets.frame_selection import redundancy_reason
 from ...cameras.models.camera_model import CameraModel
 from ...dewarp import Dewarper
-from ...optics.sensor_files import parse_camera
+from ...optics.camera_files import parse_camera
 from ._board_detection_process import board_of
 from ._uploads import eight_bits, encoded, image_in
 from .calibration_messages import (

@@ -21,7 +21,7 @@ from ...calibration.targets import Board, Detection
 from ...calibration.targets.board_detection import compared
 from ...calibration.targets.frame_selection import select_distinct_frames
 from ...cameras.camera import Mount
-from ...optics.sensor_files import format_camera
+from ...optics.camera_files import format_camera
 from ._board_detection_process import board_of
 from ._calibration_boards import coverage_message, line_deviation_px, pose_of, taken
 from .calibration_messages import (

@@ -15,9 +15,9 @@ from ...cameras.camera import Mount, inside_image, rotate_vectors
 from ...cameras.models import MirrorBall, OCam, ViewpointSpline
 from ...dewarp._source_coordinates import tables_of
 from ...dewarp.view_geometry import field_of
+from ...optics.camera_files import AnyCamera
 from ...optics.housing import Tube
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import AnyCamera
 from ...optics.tracing.reflection import RayEndpoints
 from .look_messages import CameraInfo, Kind, MountInfo, TableLayout
 

@@ -15,16 +15,10 @@ from ...cameras.camera import Mount
 from ...cameras.models import MirrorBall
 from ...cameras.models.camera_model import Optics
 from ...cameras.models.ocam import parse_ocam
+from ...optics.camera_files import AnyCamera, is_ocam_text, parse_camera
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import (
-    AnyCamera,
-    bundled_sensors,
-    format_sensor,
-    is_ocam_text,
-    load_sensor,
-    parse_camera,
-)
+from ...optics.sensor_files import bundled_sensors, format_sensor, load_sensor
 from ._camera_tables import camera_model, kind_of, mount_message, title_of
 from .look_messages import CameraInfo, SensorEntry, SensorFileRequest
 

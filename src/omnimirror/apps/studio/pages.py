@@ -25,8 +25,8 @@ from ...dewarp.restoration.noise import check_restorable
 from ...io import read_image
 from ...io.image_metadata import UPRIGHT
 from ...io.images import MAX_FILE_BYTES, orientation_of
+from ...optics.camera_files import AnyCamera
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import AnyCamera
 from ._camera_tables import camera_model, camera_tables, title_of
 from ._uploads import eight_bits, encoded
 from .look_messages import EmbeddedImage

@@ -21,8 +21,8 @@ from ...cameras.models.camera_model import (
     direction_sigma_deg,
     measured_field_deg,
 )
+from ...optics.camera_files import save_camera
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import save_camera
 from ..sensor_model import SensorModel, without_fold
 from ._accuracy import HeldOut, ModelCandidate, ParameterCovariance, UndeterminedCombination
 from ._bundle_adjustment import BundleAdjustment

@@ -13,8 +13,9 @@ from ...base.files import MAX_TEXT_BYTES, read_bytes
 from ...base.registry import Registry
 from ...cameras.models import RadialModel
 from ...cameras.models.plausibility import plausibility_warnings
+from ...optics.camera_files import CALIBRATION_MARK, format_camera, parse_camera
 from ...optics.sensor import Sensor
-from ...optics.sensor_files import CALIBRATION_MARK, format_camera, format_sensor, parse_camera
+from ...optics.sensor_files import format_sensor
 from . import _basalt, _camodocal, _colmap, _kalibr, _opencv, _ros, _scaramuzza
 from ._camera_format import CameraEntry, CameraFile, CameraFormat, Layout, ReadOptions
 

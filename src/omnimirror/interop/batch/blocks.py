@@ -33,7 +33,7 @@ from ...dewarp.request import BorderColour, DewarpRequest, VideoSettings
 from ...io.batch import error_message
 from ...io.image_metadata import exposure_of
 from ...io.images import format_of
-from ...optics.sensor_files import parse_camera
+from ...optics.camera_files import parse_camera
 from ...simulation.datasets import TrainingSamples, write_samples
 from ...simulation.scenes.scene_sources import SceneSource
 from ...simulation.simulated_video import frame_times, load_path

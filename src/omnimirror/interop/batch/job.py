@@ -19,15 +19,10 @@ from ...base.block_runner import Retries
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter, SpecError
 from ...base.files import json_plain, parse_toml, read_text
-from ...base.toml_validation import (
-    SourceLocator,
-    Table,
-    did_you_mean,
-    merge_tables,
-    validated,
-)
+from ...base.table_models import Table, validated
+from ...base.toml_validation import SourceLocator, did_you_mean, merge_tables
 from ...io.batch import IMAGE_SUFFIXES, WRITABLE_VIDEO_SUFFIXES
-from ...optics.sensor_files import format_camera, load_camera
+from ...optics.camera_files import format_camera, load_camera
 from ..named_views import MAX_VIEWS, NamedView, parse_view
 from .stores import Store, join_url
 

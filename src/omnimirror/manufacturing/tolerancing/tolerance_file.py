@@ -16,7 +16,8 @@ from ...base.errors import SpecError
 from ...base.escaping import line_comment
 from ...base.files import parse_json, parse_toml, read_text
 from ...base.project import schema_directive
-from ...base.toml_validation import SourceLocator, Table, check_entries, merge_tables, validated
+from ...base.table_models import Table, validated
+from ...base.toml_validation import SourceLocator, check_entries, merge_tables
 from ...design.limits import LIMITABLE
 from ...design.requirement_files import LimitTable, limit_of
 from ...optics.mirrors.mirror import MAX_ORDER, MirrorForm

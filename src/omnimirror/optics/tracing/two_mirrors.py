@@ -289,6 +289,8 @@ class TwoMirrorMeridian(Meridian):
                     "the view of the camera behind the mirror must be narrower than the mirror, "
                     f"rim_radius_mm = {rim:g}; reduce the secondary's rim_radius_mm or move the lens"
                 )
+            if margin(bore) >= 0:  # the margin increases with the radius
+                return
             needed = sign_change(margin, 0.0, rim, 1e-12)
         if bore < needed:
             raise SelfObstruction(

@@ -37,8 +37,8 @@ from ....cameras.camera import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
 from ....dewarp.request import is_video
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
+from ....optics.camera_files import load_camera
 from ....optics.sensor import Sensor
-from ....optics.sensor_files import load_camera
 from .._camera_options import OrientationOptions
 from .._declarations import (
     DocumentedCommand,

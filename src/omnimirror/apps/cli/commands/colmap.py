@@ -14,7 +14,7 @@ from ....dewarp.request import is_video
 from ....interop.colmap import write_colmap
 from ....interop.pinholes import RigCamera
 from ....io.batch import expand_inputs
-from ....optics.sensor_files import load_camera
+from ....optics.camera_files import load_camera
 from ....simulation.scenes.scene import Pose
 from .._camera_options import OrientationOptions
 from .._declarations import (

@@ -70,7 +70,7 @@ from .._output import (
 if TYPE_CHECKING:
     from ....dewarp.restoration.deblurring import Restoration
     from ....interop.ros_bags.dewarping import BagSelection
-    from ....optics.sensor_files import AnyCamera
+    from ....optics.camera_files import AnyCamera
 
 
 # -- View ------------------------------------------------------------------------------------------

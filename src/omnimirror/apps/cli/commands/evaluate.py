@@ -19,11 +19,12 @@ from ....base.quantities import QUANTITIES
 from ....base.toml_validation import SourceLocator, merge_tables
 from ....base.typing import Array
 from ....calibration.sensor_model import SensorModel
+from ....optics.camera_files import load_camera
 from ....optics.housing import NO_HOUSING
 from ....optics.lenses import BlurMode, SurfaceLens
 from ....optics.mirrors import Cone, SampledProfile
 from ....optics.sensor import Sensor
-from ....optics.sensor_files import SENSOR_ENTRIES, lens_of, load_camera
+from ....optics.sensor_files import SENSOR_ENTRIES, lens_of
 from ....optics.tracing.obscuration import obscuration_summary
 from .._declarations import (
     NUMBER,

@@ -22,8 +22,8 @@ from ....cameras.camera import CameraLooks, Mount
 from ....cameras.models.camera_model import CameraModel, Optics
 from ....io import write_image
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
+from ....optics.camera_files import load_camera, save_camera
 from ....optics.sensor import Sensor
-from ....optics.sensor_files import load_camera, save_camera
 from .._camera_options import OrientationOptions
 from .._declarations import (
     NUMBER,

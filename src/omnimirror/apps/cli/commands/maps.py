@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ....interop.view_maps import MAP_FORMATS, write_maps
-from ....optics.sensor_files import load_camera
+from ....optics.camera_files import load_camera
 from .._declarations import SENSOR, DocumentedCommand, add_options
 from .._output import output_console, output_option
 from .dewarp import ViewOptions

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ....interop.export_formats import ExportedFiles, ExportFormat
 from ....interop.ray_tables import RAY_FORMATS, write_rays
-from ....optics.sensor_files import load_camera
+from ....optics.camera_files import load_camera
 from .._declarations import INTEGER, SENSOR, DocumentedCommand
 from .._output import output_console, output_option, plain_table, write_standard_output_as
 

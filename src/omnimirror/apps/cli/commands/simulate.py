@@ -18,13 +18,8 @@ from ....base.files import display_name, write_json
 from ....io import write_image
 from ....io.batch import WRITABLE_VIDEO_SUFFIXES
 from ....io.images import format_of
-from ....optics.sensor_files import (
-    SENSOR_ENTRIES,
-    AnyCamera,
-    bundled_sensors,
-    load_camera,
-    load_sensor,
-)
+from ....optics.camera_files import AnyCamera, load_camera
+from ....optics.sensor_files import SENSOR_ENTRIES, bundled_sensors, load_sensor
 from ....simulation.detector import Detector, Readout
 from ....simulation.image_tiles import LIGHT
 from ....simulation.radiometry import Radiometry

@@ -8,7 +8,7 @@ import click
 
 from ....base.files import write_json
 from ....calibration.uncertainty import uncertainty_map
-from ....optics.sensor_files import load_camera
+from ....optics.camera_files import load_camera
 from .._declarations import NUMBER, DocumentedCommand
 from .._output import (
     FIGURES,
