@@ -7,7 +7,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.errors import NotOneToOne
-from omnimirror.calibration._initial_sensor import ring_directions, without_fold
+from omnimirror.calibration.sensor_model import ring_directions, without_fold
 from omnimirror.cameras.camera import inside_image
 from omnimirror.cameras.models import Unified
 from omnimirror.optics.image_sensor import Imager

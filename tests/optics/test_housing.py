@@ -13,6 +13,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.design.requirement_check import evaluable_field
 from omnimirror.manufacturing.body import parts_of, with_housing
 from omnimirror.optics.housing import (
+    NO_HOUSING,
     CameraBody,
     Dome,
     Envelope,
@@ -126,9 +127,9 @@ def test_second_mirror_excludes_parts():
     ):  # fmt: skip
         with pytest.raises(InvalidParameter, match=message):
             housing.fitted(envelope)
-        assert not housing.is_empty
+        assert housing != NO_HOUSING
     assert Housing(shell=Tube()).fitted(envelope) == Housing(shell=Tube(102.0))
-    assert Housing().fitted(envelope).is_empty
+    assert NO_HOUSING.fitted(envelope) == NO_HOUSING
     assert Envelope(-180.0, -180.0, 20.0, 45.0).has_secondary is False
     fitted = Housing(CameraBody(61.5), Rod(), FlatWindow()).fitted(Envelope(*envelope[:4]))
     assert (fitted.rod.gap_mm, fitted.shell.height_mm) == (45.0, -185.0)

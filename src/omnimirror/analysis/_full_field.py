@@ -16,6 +16,7 @@ import numpy as np
 from ..base.caching import cached_property
 from ..base.typing import Array, Mask
 from ..cameras.camera import camera_direction
+from ..optics.housing import NO_HOUSING
 from ..optics.lenses import Lens
 from ..optics.sensor import Sensor
 from ..optics.tracing.reflection import RayEndpoints, ReflectionPoints
@@ -141,7 +142,7 @@ class FullFieldEvaluation:
     def _pixels(self, lens: Lens, reflections: ReflectionPoints) -> Array:
         """Return image positions (n, 2) px of chief rays relative to the lens axis."""
         image = lens.image_of(
-            reflections.facing_points - self.sensor.optical_train.lens_offset, reflections.to_pupils
+            reflections.facing_points - self.sensor.lens_offset, reflections.to_pupils
         )
         return np.asarray(image / self.sensor.imager.pitch_mm)
 
@@ -216,7 +217,7 @@ class FullFieldEvaluation:
     def hidden(self) -> tuple[float, float]:
         """End of the central obscuration, deg, and the obscured image area, %."""
         obstructions = self.sensor.obstructions
-        if obstructions.housing.is_empty:
+        if obstructions.housing == NO_HOUSING:
             return self.field_deg[0], 0.0
         omega, phi = self._field_grid(FINE_RINGS, FINE_AZIMUTHS)
         chief = self._chief(camera_direction(omega, phi).reshape(-1, 3))

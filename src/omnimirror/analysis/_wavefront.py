@@ -340,7 +340,7 @@ def wavefronts(bundles: Bundles, focus_mm: float) -> list[Wavefront]:
     lens, cosines, at_stop = sensor.lens, np.empty(0), np.empty(0)
     if isinstance(lens, FieldLens):
         check_wave_is_known(lens)
-        rays = bundles.facing_points - sensor.optical_train.lens_offset, bundles.to_pupils
+        rays = bundles.facing_points - sensor.lens_offset, bundles.to_pupils
         cosines, at_stop = lens.image_cosines(*rays), lens.stop_points(*rays)
         phase, rough = phase_of_real_lens(cosines, aberrations)
     else:

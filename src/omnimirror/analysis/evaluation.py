@@ -20,6 +20,7 @@ from ..base.files import write_text
 from ..base.quantities import QUANTITIES, document_attributes
 from ..base.results import Columns, FieldResult, Fields, column_fields, write_columns
 from ..base.typing import Array
+from ..optics.housing import NO_HOUSING
 from ..optics.lenses import BLUR_MODES, BlurMode, DepthOfField, FieldLens, GaussianLens
 from ..optics.mirrors import Mirror, SampledProfile
 from ..optics.sensor import Sensor, check_sensor
@@ -166,6 +167,13 @@ class Evaluation(FieldResult):
         return self.sensor.lens.airy_diameter(self.wavelength_nm) / self.sensor.imager.pitch_mm
 
     @property
+    def length_mm(self) -> float:
+        """Axial distance from the lens or vertex to the highest mirror point, mm."""
+        (_, _), (_, top) = self.sensor.mirror.bounds
+        m = self.sensor.mirror_distance_mm
+        return top + (m if np.isfinite(m) else 0.0)
+
+    @property
     def depth_of_field_mm(self) -> DepthOfField:
         """Depth of field for a blur of ``tolerance_px`` pixels (Eqs. 30, 31)."""
         return self.sensor.lens.depth_of_field(
@@ -228,7 +236,7 @@ class Evaluation(FieldResult):
             values["hyperfocal_mm"] = self.sensor.lens.hyperfocal_distance(
                 self.tolerance_px * self.sensor.imager.pitch_mm
             )
-        if not self.sensor.housing.is_empty:
+        if self.sensor.housing != NO_HOUSING:
             values["obscurations"] = [ring._asdict() for ring in self.sensor.obscurations]
             values["clear_field_deg"] = list(self.sensor.clear_field_deg)
         return values

@@ -215,14 +215,12 @@ class Bundles:
 
     def image_mm(self, sensor: Sensor) -> Array:
         """Return ray positions (k, n, 2) on the imager, mm from the axis, for a focused sensor."""
-        return sensor.lens.image_of(
-            self.facing_points - sensor.optical_train.lens_offset, self.to_pupils
-        )
+        return sensor.lens.image_of(self.facing_points - sensor.lens_offset, self.to_pupils)
 
     def chief_mm(self, sensor: Sensor) -> Array:
         """Return the chief ray positions (k, 2) on the imager, mm from the optical axis."""
         return sensor.lens.image_of(
-            self.chief.facing_points - sensor.optical_train.lens_offset, self.chief.to_pupils
+            self.chief.facing_points - sensor.lens_offset, self.chief.to_pupils
         )
 
     def chief_path(self) -> Array:
@@ -265,7 +263,7 @@ class Bundles:
                 )
                 for s in (1, -1)
             ]
-            lens, offset = self.sensor.lens, self.sensor.optical_train.lens_offset
+            lens, offset = self.sensor.lens, self.sensor.lens_offset
             a, b = (lens.image_of(e.facing_points - offset, e.to_pupils) for e in neighbours)
             angle = np.degrees(2 * np.arctan(DIFFERENCE_STEP))
             scales.append(np.hypot(*(a - b).T) / self.sensor.imager.pitch_mm / angle)

@@ -1055,3 +1055,10 @@ def document_attributes(quantities: Iterable[Quantity]) -> Callable[[T], T]:
 def describe_quantity(q: Quantity) -> str:
     """Return title, meaning and equation of a quantity in one line."""
     return f"{q.title}: {q.meaning}" + (f" ({q.equation})" if q.equation else "")
+
+
+def format_part(part: tuple[float, float] | None) -> str:
+    """Return a part of the field, deg, as a suffix of the name of a quantity."""
+    if part is None:
+        return ""
+    return f", at {part[0]:g} deg" if part[0] == part[1] else f", {part[0]:g} to {part[1]:g} deg"

@@ -17,7 +17,7 @@ from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
 from ..cameras.camera import Mount
 from ..cameras.models import Unified
-from ..cameras.models.camera_model import CameraModel, Optics
+from ..cameras.models.camera_model import CameraModel, Optics, measured_field_deg
 from ..optics.sensor import Sensor
 from .edge_detection import edge_chains
 from .levelling import Level, level_from_edges, level_from_image
@@ -34,7 +34,7 @@ from .straight_edges import (
     normal_equations,
     read_line_points,
 )
-from .uncertainty import direction_uncertainty, measured_field_deg
+from .uncertainty import direction_uncertainty
 
 __all__ = [
     "Level",

@@ -464,7 +464,7 @@ def _perspective(
     Shapes of the derivatives are (n, 2, 3) and (n, 2).
     """
     c, brown = lens.principal_distance, lens.brown
-    depth = points[:, 2] - sensor.optical_train.pupil_offset[2]
+    depth = points[:, 2] - sensor.pupil_offset[2]
     tangent = points[:, :2] / depth[:, None]
     distorted, by_tangent, by_term = distorted_rates(tangent, brown)
     lateral = np.zeros((len(tangent), 2, 3))
@@ -591,7 +591,7 @@ def _path_endpoints(
     if sensor.lens.TELECENTRIC:
         pupils = RayEndpoints(pose.rotate_to_mirror(np.array([[0.0, 0.0, -1.0]])), distant=True)
     else:
-        pupils = RayEndpoints(pose.to_mirror(sensor.optical_train.pupil_offset[None]))
+        pupils = RayEndpoints(pose.to_mirror(sensor.pupil_offset[None]))
     return pupils, RayEndpoints.of(
         pose.rotate_to_mirror(points) if distant else pose.to_mirror(points), distant
     )
@@ -656,11 +656,7 @@ def _pose_effect(
     if location.name == DISTANCE:
         return path.by_pupil @ (rotation.T @ [0.0, 0.0, -1.0]), zeros
     d_rotation, d_shift = _pose_derivatives(sensor.mirror_pose, location.key)
-    pupil = (
-        np.array([0.0, 0.0, -1.0])
-        if sensor.lens.TELECENTRIC
-        else sensor.optical_train.pupil_offset - shift
-    )
+    pupil = np.array([0.0, 0.0, -1.0]) if sensor.lens.TELECENTRIC else sensor.pupil_offset - shift
     d_pupil = d_rotation.T @ pupil - (0.0 if sensor.lens.TELECENTRIC else rotation.T @ d_shift)
     d_target = rotate_vectors(points if distant else points - shift, d_rotation) - (
         0.0 if distant else rotation.T @ d_shift

@@ -26,7 +26,6 @@ from ..cameras.models.camera_model import (
     CameraModel,
     direction_covariance_at,
     direction_sigma_deg,
-    field_angles,
     major_sigma,
     within_field,
 )
@@ -278,13 +277,6 @@ def uncertainty_map(
         uncertain.field_deg,
         is_restricted,
     )
-
-
-def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
-    """Return the calibrated field of measured pixels (n, 2): their maximum field angle (deg)."""
-    rays = model.backproject(pixels)
-    directions = rotate_vectors(rays.directions[rays.valid], model.mount.rotation())
-    return float(field_angles(model, directions).max()) if len(directions) else None
 
 
 def _to_floor(rays: Rays, height_mm: float) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 from ..base.arguments import format_value
 from ..base.caching import cached_property
 from ..base.errors import InvalidParameter
-from ..optics.housing import Dome
+from ..optics.housing import NO_HOUSING, Dome
 from ..optics.image_sensor import Imager
 from .catalogue import (
     BallComponent,
@@ -283,7 +283,7 @@ def _has_too_few_pixels(limit: Limit, image_px: float, own: Requirements) -> boo
 
 def _covers_evaluated_field(own: Requirements) -> bool:
     """Return whether all field angles of the limits are evaluated."""
-    return own.housing.is_empty and not own.mirror.is_pointed
+    return own.housing == NO_HOUSING and not own.mirror.is_pointed
 
 
 def _diffracts_too_much(b: PartsBounds) -> bool:

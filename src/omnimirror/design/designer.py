@@ -180,6 +180,8 @@ def design_sensor(
     design = design_of(best.verdict, best.notes, None, best.optimum)
     if on_design is not None:
         on_design(design)
+    if best.verdict.is_met:
+        return design
     others = (
         ()
         if requirements.mirror.optimise

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import InvalidType, finite, format_value, number
 from ..base.errors import InvalidParameter
-from ..base.quantities import QUANTITIES, Quantity
+from ..base.quantities import QUANTITIES, Quantity, format_part
 from ..base.registry import Registry
 from ..base.toml_validation import did_you_mean
 from .merits import OF_THE_WHOLE, FieldValues
@@ -571,13 +571,6 @@ class Limit:
             if self.at_least is not None:
                 rows.append(self.of.below(block, self.at_least))
         return np.concatenate(rows, axis=-1) / self.scale
-
-
-def format_part(part: tuple[float, float] | None) -> str:
-    """Return a part of the field as a suffix of a name."""
-    if part is None:
-        return ""
-    return f", at {part[0]:g} deg" if part[0] == part[1] else f", {part[0]:g} to {part[1]:g} deg"
 
 
 def _are_comparable(low: Limit, high: Limit) -> bool:

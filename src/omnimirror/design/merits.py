@@ -384,7 +384,7 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
     """Return the field values of one evaluated sensor."""
     lens = result.sensor.lens
     (_, _), (bottom, top) = result.sensor.mirror.bounds
-    numbers = length_mm(result), top - bottom, result.airy_px
+    numbers = result.length_mm, top - bottom, result.airy_px
     if isinstance(lens, FieldLens):
         real = result.of_lens
         own = real["lens_blur_t_px"], real["lens_blur_s_px"]
@@ -401,13 +401,6 @@ def values_of_evaluation(result: Evaluation) -> FieldValues:
         tangent = np.tan(np.radians(result.theta_deg)) * (not lens.TELECENTRIC)
         values = values_of(result, light_of(tangent), b0, *numbers, None, result.object_distance_mm)
     return with_whole(values, result.sensor)
-
-
-def length_mm(result: Evaluation) -> float:
-    """Return the axial distance from the lens or vertex to the highest mirror point, mm."""
-    (_, _), (_, top) = result.sensor.mirror.bounds
-    m = result.sensor.mirror_distance_mm
-    return top + (m if np.isfinite(m) else 0.0)
 
 
 def solid_angle(omega: Array) -> Array:

@@ -279,8 +279,8 @@ def find_conflict(
     best: BestDesign,
     on_step: OnStep = lambda message: None,
     alternatives: Iterable[Alternative] = (),
-) -> Conflict | None:
-    """Analyse the conflict of infeasible requirements; return None if all are met.
+) -> Conflict:
+    """Analyse the conflict of infeasible requirements.
 
     Parameters
     ----------
@@ -293,8 +293,6 @@ def find_conflict(
     alternatives
         Discrete choices, evaluated during iteration.
     """
-    if best.verdict.is_met:
-        return None
     alone, others = list[Relaxation](), list[Alternative]()
     joint: tuple[Relaxation, ...] = ()
     is_complete = True

@@ -17,12 +17,14 @@ from ..analysis.operating_conditions import at_temperature
 from ..base.arguments import instance, integer, validate_arguments
 from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import json_plain
+from ..base.quantities import format_part
 from ..base.results import Columns, Result, table_of
 from ..base.typing import Array
+from ..optics.housing import NO_HOUSING
 from ..optics.lenses import GaussianLens
 from ..optics.sensor import Sensor, check_sensor
 from ..optics.tracing.meridian import ChiefRays
-from .limits import SHARED, Limit, format_part
+from .limits import SHARED, Limit
 from .merits import FieldValues, values_of_evaluation
 from .requirements import MAX_FOCUS, FieldRequirements, Requirements, ends, ends_or_none
 
@@ -424,7 +426,7 @@ def check_requirements(
         raise InvalidParameter(
             f"the lens of the sensor must be {requirements.lens.kind}, as in the requirements; got {sensor.lens.KIND}"
         )
-    if sensor.housing.is_empty:
+    if sensor.housing == NO_HOUSING:
         sensor = replace(sensor, housing=requirements.housing)
     if sensor.thermal is None:
         sensor = replace(sensor, thermal=requirements.thermal)

@@ -17,6 +17,7 @@ from ..base.files import parse_toml, read_text
 from ..base.table_models import Table, table_model, validated
 from ..base.toml_validation import NullLocator, SourceLocator, check_entries, merge_tables
 from ..cameras.camera import Mount
+from ..optics.housing import NO_HOUSING
 from ..optics.image_sensor import Imager
 from ..optics.lenses import Perspective
 from ..optics.mirrors.measured import MAPPING_FILE
@@ -28,6 +29,7 @@ from .catalogue import TYPICAL
 from .limits import LIMITABLE, Limit
 from .requirements import (
     PAPER_IMAGER,
+    UPRIGHT,
     FieldRequirements,
     LensRequirements,
     MirrorRequirements,
@@ -203,14 +205,16 @@ def requirements_of(
     mirror = where.wrap(
         ("mirror", MAPPING_FILE.entry), lambda: MAPPING_FILE.followed(data["mirror"], folder)
     )
-    mount = Mount(**validated(MountTable, "mount", data.get("mount", {}), where).model_dump())
+    mount = UPRIGHT
+    if "mount" in data:
+        mount = Mount(**validated(MountTable, "mount", data["mount"], where).model_dump())
     parts: dict[str, Any] = {
         "field": FieldRequirements.read(_by_field_angles(data["field"], mount, where), where),
         "mirror": MirrorRequirements.read(mirror, where),
         "lens": LensRequirements.read(_with_optics(data.get("lens", {}), where, folder), where),
         "imager": _imager(data.get("imager", asdict(PAPER_IMAGER)), where),
         "mount": mount,
-        "housing": housing_of(data.get("housing", {}), where),
+        "housing": housing_of(data["housing"], where) if "housing" in data else NO_HOUSING,
         "limits": tuple(
             limit_of(i, table, mount, where) for i, table in enumerate(data.get("limit", []))
         ),

@@ -21,7 +21,7 @@ from ..base.table_models import Table, validated
 from ..base.toml_validation import EntryError, NullLocator, SourceLocator, did_you_mean
 from ..cameras.camera import Mount
 from ..optics.batch.families import FreeformFamily
-from ..optics.housing import Housing
+from ..optics.housing import NO_HOUSING, Housing
 from ..optics.image_sensor import Imager
 from ..optics.lenses import FieldLens
 from ..optics.mirrors.mappings import MAPPINGS, check_rows
@@ -707,7 +707,6 @@ DIGITS = 12  # decimals of elevations, which preserve values such as 12.3 deg
 UNNAMED = "design"
 """Default name of a design."""
 UPRIGHT = Mount()
-BARE = Housing()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -763,7 +762,7 @@ class Requirements:
     lens: LensRequirements = LensRequirements()
     imager: Imager = PAPER_IMAGER
     mount: Mount = UPRIGHT
-    housing: Housing = BARE
+    housing: Housing = NO_HOUSING
     limits: tuple[Limit, ...] = ()
     parts: PartsRequirements | None = None
     thermal: Thermal | None = None

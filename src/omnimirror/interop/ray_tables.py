@@ -20,6 +20,7 @@ from ..base.results import Columns, Result, axis_columns, pixel_grid
 from ..base.typing import Array
 from ..cameras.camera import Camera, Rays
 from ..io.exr import write_channels, write_exr
+from ..optics.housing import NO_HOUSING
 from ..optics.sensor import Sensor
 from .export_formats import (
     Deviation,
@@ -177,7 +178,7 @@ def obscured_pixels(sensor: Sensor, pixels: Array, rays: Rays) -> NDArray[np.boo
     """
     obscured = np.zeros(len(pixels), bool)
     if sensor.secondary is None:
-        if not sensor.housing.is_empty:
+        if sensor.housing != NO_HOUSING:
             for mask in sensor.obscured_by(pixels).values():
                 obscured |= mask
         return obscured

@@ -89,8 +89,8 @@ class Plan:
     grid_points: int = 257
     sheet: str = "A3"
     scale: float | None = None
-    tool: Tool = field(default_factory=Tool)
-    workshop: Workshop = field(default_factory=Workshop)
+    tool: Tool | None = None
+    workshop: Workshop | None = None
     page: int = 0
     """Sheet of the drawing."""
     drawn: list[Drawing] = field(default_factory=list)
@@ -250,19 +250,13 @@ def export(
         grid_points,
         sheet,
         scale,
-        tool or Tool(),
-        workshop or Workshop(),
+        tool,
+        workshop,
     )
     targets = _targets(plan, path, formats)
-    exported = with_housing(plan.parts, housing)
-    if not allow_changes and (changes := sensor_changes(sensor, exported)):
-        if requirements is not None:
-            changes = requirement_changes(sensor, exported, requirements)
-        raise InvalidParameter(
-            f"the export parameters change the evaluated sensor {sensor.name!r}: {'; '.join(changes)}; "
-            "enter these parts in the [housing] of the sensor file and evaluate it again, or set allow_changes "
-            "(--allow-changes)"
-        )
+    has_other_parts = bool(body or secondary_body or housing not in (None, sensor.housing))
+    if has_other_parts and not allow_changes:
+        _check_unchanged(sensor, with_housing(plan.parts, housing), requirements)
     names = list(dict.fromkeys(name for name, *_ in targets.values()))
     _check_packages(names)
     plan = replace(plan, writes_table="csv" in names)
@@ -277,6 +271,21 @@ def export(
         for target, file in temporary.items():
             copyfile(file, stack.enter_context(atomic_output(target)))
     return written
+
+
+def _check_unchanged(
+    evaluated: Sensor, exported: Sensor, requirements: Requirements | str | Path | None
+) -> None:
+    """Check that the exported parts do not change the evaluated sensor."""
+    if not (changes := sensor_changes(evaluated, exported)):
+        return
+    if requirements is not None:
+        changes = requirement_changes(evaluated, exported, requirements)
+    raise InvalidParameter(
+        f"the export parameters change the evaluated sensor {evaluated.name!r}: {'; '.join(changes)}; "
+        "enter these parts in the [housing] of the sensor file and evaluate it again, or set allow_changes "
+        "(--allow-changes)"
+    )
 
 
 def _plain(name: str) -> str:
@@ -391,7 +400,7 @@ def _dxf(plan: Plan, part: Part, path: Path) -> Content:
     curve = write_dxf(
         path,
         part,
-        plan.workshop,
+        plan.workshop or Workshop(),
         plan.data_file(part),
         sheet=plan.sheet,
         sheet_number=(i + 2, 1 + len(plan.parts)),
@@ -433,7 +442,7 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
                 plan.sheet,
                 plan.scale,
                 *bodies[1:],
-                workshop=plan.workshop,
+                workshop=plan.workshop or Workshop(),
                 data_files=[f for p in plan.parts if (f := plan.data_file(p))],
             )
         )
@@ -447,7 +456,7 @@ def _drawing(plan: Plan, part: Part, path: Path) -> Content:
 
 def _tool_path(plan: Plan, part: Part, path: Path) -> Content:
     listed = path.suffix.lower() in BUILT_IN_FORMATS["points"].suffixes
-    way = write_tool_path(path, part.mirror, plan.tool, part.name, plan.digits, listed)
+    way = write_tool_path(path, part.mirror, plan.tool or Tool(), part.name, plan.digits, listed)
     return Content(way.words, 1e-3 * way.deviation_nm)
 
 

@@ -21,6 +21,7 @@ __all__ = [
     "CLEARANCE_MM",
     "DEFAULT_GAP_RATIO",
     "MATERIALS",
+    "NO_HOUSING",
     "SHELLS",
     "TELECENTRIC_LENS_DISTANCE_RIMS",
     "CameraBody",
@@ -615,11 +616,6 @@ class Housing:
                     f"an instance of {_name_of(kind)} (omnimirror.optics.housing)",
                 )
 
-    @property
-    def is_empty(self) -> bool:
-        """True if the housing has no parts."""
-        return self == Housing()
-
     def fitted(self, envelope: Envelope) -> Housing:
         """Return the housing with dimensions fitted to the sensor.
 
@@ -655,6 +651,9 @@ class Housing:
                 "secondary to the radius of the camera's front (diameter_mm = "
                 f"{self.camera.diameter_mm:g})"
             )
+
+
+NO_HOUSING = Housing()
 
 
 def _name_of(kind: Any) -> str:

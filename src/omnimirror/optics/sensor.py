@@ -17,7 +17,7 @@ from ..base.parameters import Uncertainty
 from ..base.results import Line, card, field_range, line_drawing, origin
 from ..base.typing import Array
 from ..cameras.camera import AxialSymmetry, Mount, Projection, Rays, inside_image, rotate_vectors
-from .housing import Housing
+from .housing import NO_HOUSING, Housing
 from .image_sensor import ImagePlane, Imager, ImagerPose
 from .lenses import GaussianLens, Lens, Perspective
 from .mirrors import Mirror, Secondary
@@ -101,7 +101,7 @@ class Sensor:
     notes: str = ""
     mirror_pose: MirrorPose = field(default_factory=MirrorPose)
     secondary: Secondary | None = None
-    housing: Housing = field(default_factory=Housing)
+    housing: Housing = NO_HOUSING
     uncertainty: Uncertainty | None = None
     thermal: Thermal | None = None
     mirror_form: MirrorForm = field(default_factory=MirrorForm)
@@ -431,7 +431,7 @@ class Sensor:
         InvalidParameter
             If the mirror is decentred or tilted: use :meth:`obscured_by` for single pixels.
         """
-        if self.housing.is_empty and self.secondary is None:
+        if self.housing == NO_HOUSING and self.secondary is None:
             return ()
         return obscured_rings(self.meridian, self._hidden, self._image_fraction)
 
@@ -685,6 +685,18 @@ class Sensor:
 
     # -- skew rays ---------------------------------------------------------------------------------
 
+    @property
+    def lens_offset(self) -> Array:
+        """Reference point (3,) of the lens, mm from the nominal mirror vertex."""
+        second = 0.0 if self.secondary is None else self.secondary.distance_mm
+        return self.lens.offset(self.mirror_distance_mm, second)
+
+    @property
+    def pupil_offset(self) -> Array:
+        """Centre (3,) of the paraxial entrance pupil, mm from the nominal mirror vertex."""
+        offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
+        return offset
+
     @cached_property
     def optical_train(self) -> OpticalTrain:
         """Mirrors and lens in their poses, for skew ray tracing.
@@ -703,7 +715,7 @@ class Sensor:
             self.mirror_pose,
             self.mirror_form,
             self.secondary,
-            None if self.housing.is_empty else self.obstructions,
+            None if self.housing == NO_HOUSING else self.obstructions,
         )
 
     @property

@@ -36,7 +36,7 @@ from ..cameras.camera import (
     CameraLooks,
     Mount,
 )
-from .housing import SHELLS, CameraBody, Housing, Rim, Rod
+from .housing import NO_HOUSING, SHELLS, CameraBody, Housing, Rim, Rod
 from .image_sensor import Imager, ImagerPose
 from .lenses import LENSES, Lens
 from .mirrors import MIRRORS, SECONDARIES, Mirror, Secondary
@@ -216,6 +216,8 @@ def sensor_of(data: dict[str, Any], where: SourceLocator, folder: Path | None = 
         parts["mirror_form"] = _build("mirror_form", MirrorForm, data["mirror_form"], where)
     if "secondary" in data:
         parts["secondary"] = _secondary(data, folder, where)
+    if "housing" in data:
+        parts["housing"] = housing_of(data["housing"], where)
     mount = _mount_values(data.get("mount", {}), where)
     distance = mount.pop("mirror_distance_mm")
     make = partial(
@@ -225,12 +227,12 @@ def sensor_of(data: dict[str, Any], where: SourceLocator, folder: Path | None = 
         mirror_distance_mm=np.inf if distance is None else distance,
         name=data.get("name", "sensor"),
         notes=data.get("notes", ""),
-        housing=housing_of(data.get("housing", {}), where),
         uncertainty=uncertainty_of(data["uncertainty"], where) if "uncertainty" in data else None,
         thermal=_build("thermal", Thermal, data["thermal"], where) if "thermal" in data else None,
     )
     sensor = where.wrap(("mount", "mirror_distance_mm"), make)
-    _check_fit(sensor, data.get("housing", {}), where)
+    if "housing" in data:
+        _check_fit(sensor, data["housing"], where)
     return sensor
 
 
@@ -264,7 +266,7 @@ def tables_of(sensor: Sensor) -> dict[str, Any]:
         data["mirror_form"] = _table(sensor.mirror_form)
     if sensor.imager_pose != ImagerPose():
         data["imager_pose"] = _table(sensor.imager_pose)
-    if not sensor.housing.is_empty:
+    if sensor.housing != NO_HOUSING:
         data["housing"] = housing_tables(sensor.housing)
     if sensor.uncertainty is not None:
         data["uncertainty"] = uncertainty_table(sensor.uncertainty)
@@ -303,7 +305,7 @@ def _mount_values(table: dict[str, Any], where: SourceLocator) -> dict[str, Any]
 def mount_table(mount: Mount) -> dict[str, Any]:
     """Return the table [mount], without pitch and roll if they are 0."""
     table = dataclasses.asdict(mount)
-    if not mount.is_tilted:
+    if not (mount.pitch_deg or mount.roll_deg):
         del table["pitch_deg"], table["roll_deg"]
     return table
 

@@ -12,11 +12,11 @@ from ..base.colour import Light
 from ..base.native import backend
 from ..base.typing import Array
 from ..cameras.camera import rotate_vectors
+from ..optics.housing import NO_HOUSING
 from ..optics.lenses import Lens, Orthographic, Perspective
 from ..optics.lenses.lens import fold
 from ..optics.mirrors import Mirror
 from ..optics.sensor import Sensor
-from ..optics.tracing.obscuration import Obstructions
 from .image_tiles import LIGHT, PixelConversion, Progress, Tile, render_tiles
 from .pixel_rays import Samples, mirror_grid
 from .radiometry import Radiometry
@@ -61,23 +61,24 @@ def native_optics(
 
     The origin is the entrance pupil.
     """
-    mirror, pose, m = sensor.mirror, sensor.mirror_pose, -sensor.optical_train.pupil_offset[2]
+    mirror, pose, lens = sensor.mirror, sensor.mirror_pose, sensor.lens
+    m = -sensor.pupil_offset[2]
     curvature, conic, nodes = _surface(mirror)
     rotation = np.reshape(frame.turn, (3, 3)) @ sensor.mount.rotation()
-    brown = sensor.lens.brown if isinstance(sensor.lens, Perspective) else NO_DISTORTION
-    scale = sensor.imager.pitch_mm * _object_scale(sensor.lens)
+    brown = lens.brown if isinstance(lens, Perspective) else NO_DISTORTION
+    scale = sensor.imager.pitch_mm * _object_scale(lens)
     u, v = sensor.imager.centre
     if sensor.mount.image_flipped:
         u = sensor.imager.width_px - 1 - u
     return backend.kernels.Optics(
-        telecentric=sensor.lens.TELECENTRIC,
+        telecentric=lens.TELECENTRIC,
         centre=(u, v),
         scale=(-scale if sensor.mount.image_flipped else scale, scale),
         distortion=brown,
         fold=min(fold(brown[:3]), MAX_TANGENT),
-        focus=sensor.lens.focus_distance_mm - sensor.lens.pupil.at_mm,
-        stop=_stop(sensor.lens) if blur else 0.0,
-        vertex=tuple(pose.shift - sensor.optical_train.pupil_offset),
+        focus=lens.focus_distance_mm - lens.pupil.at_mm,
+        stop=_stop(lens) if blur else 0.0,
+        vertex=tuple(pose.shift - sensor.pupil_offset),
         axes=tuple(pose.rotation().T.ravel()),
         aligned=pose.is_axial,
         curvature=curvature,
@@ -86,7 +87,7 @@ def native_optics(
         nodes=nodes,
         reflectance=tuple(reflectance_series(radiometry, max_incidence(sensor))),
         natural_vignetting=radiometry.vignetting,
-        **_obstruction_parameters(sensor.obstructions, m),
+        **_obstruction_parameters(sensor, m),
         housing_light=(radiometry.housing_light,) * 3,
         direct_view=radiometry.direct_view,
         rotation=tuple(rotation.ravel()),
@@ -95,10 +96,21 @@ def native_optics(
     )
 
 
-def _obstruction_parameters(obstructions: Obstructions, m: float) -> dict[str, Any]:
+NO_OBSTRUCTIONS = {
+    **dict.fromkeys(("body_z", "body_radius", "edge_z", "edge_radius"), 0.0),
+    "lens_radius": 1.0,  # of the front ring on a body, here without effect
+    "rod_z": (0.0, 0.0),
+    "rod_radius": (0.0, 0.0),
+}
+
+
+def _obstruction_parameters(sensor: Sensor, m: float) -> dict[str, Any]:
     """Return the obstructions with heights from the entrance pupil; without the walls of tubes and
     domes.
     """
+    if sensor.housing == NO_HOUSING:
+        return NO_OBSTRUCTIONS
+    obstructions = sensor.obstructions
     camera, rod, rim = obstructions.camera, obstructions.rod, obstructions.rim
     return {
         "body_z": m + camera.height_mm if camera else 0.0,

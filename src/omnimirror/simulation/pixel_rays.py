@@ -14,7 +14,7 @@ from ..base.colour import Light
 from ..base.errors import InvalidParameter
 from ..base.typing import Array, Mask
 from ..cameras.camera import Camera, Projection, inside_image, rotate_vectors
-from ..optics.housing import FlatWindow, Shell
+from ..optics.housing import NO_HOUSING, FlatWindow, Shell
 from ..optics.sensor import Sensor
 from ..optics.tracing.shell_transmission import ShellTransit, transmit_from_inside
 from .radiometry import Radiometry, camera_front
@@ -329,7 +329,7 @@ def front_shade(sensor: Sensor, points: Array, directions: Array, towards_lens: 
 
 def check_housing_is_rendered(sensor: Sensor) -> None:
     """Raise InvalidParameter for housings that are not rendered: those around two mirrors."""
-    if sensor.secondary is not None and not sensor.housing.is_empty:
+    if sensor.secondary is not None and sensor.housing != NO_HOUSING:
         raise InvalidParameter(
             "the housing must be empty for rendering and ground truth of two mirrors; "
             f"{sensor.name!r} has both; use replace(sensor, housing=Housing())"
@@ -463,7 +463,7 @@ def project_visible(camera: Camera, points_mm: ArrayLike) -> Projection:
     """
     points = np.asarray(points_mm, dtype=float)
     pixels, valid = camera.project(points)
-    if isinstance(camera, Sensor) and not camera.housing.is_empty:
+    if isinstance(camera, Sensor) and camera.housing != NO_HOUSING:
         valid[valid] = ~trace_pixels(camera, pixels[valid]).hidden
     pixels[~valid] = np.nan
     return Projection(pixels, valid)

@@ -41,7 +41,7 @@ def python_view(line: str, folder: Path) -> om.Dewarper:
     """Return the dewarper of a command line."""
     from omnimirror.apps.cli._camera_options import CameraOptions
     from omnimirror.apps.cli._declarations import parsed_options
-    from omnimirror.apps.cli._view_options import ViewOptions
+    from omnimirror.apps.cli.commands.dewarp import ViewOptions
 
     arguments = [str(folder / w) if (folder / w).is_file() else w for w in shlex.split(line)[2:]]
     context = dewarp.make_context(

@@ -14,24 +14,22 @@ import pytest
 import omnimirror as om
 from omnimirror.calibration.estimation._accuracy import uncertainty
 from omnimirror.calibration.estimation._bundle_adjustment import bundle_adjust
-from omnimirror.calibration.estimation._residuals import (
+from omnimirror.calibration.estimation.observations import (
     UNSEEN_PX,
     BoardShape,
     Estimate,
     Linearised,
     Loss,
-    eliminate_line_positions,
-    linearise,
-    residuals_at_poses,
-    slide_steps,
-    targets,
-)
-from omnimirror.calibration.estimation.observations import (
     Observation,
     RigidTransform,
+    eliminate_line_positions,
+    linearise,
     moved,
+    residuals_at_poses,
     rotation_of,
+    slide_steps,
     stacked,
+    targets,
 )
 from omnimirror.cameras.models import Unified
 from omnimirror.cameras.models.camera_model import direction_sigma_deg

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter
 from omnimirror.calibration.estimation import RigidTransform, StraightEdges
-from omnimirror.calibration.estimation._residuals import eliminate_line_positions
+from omnimirror.calibration.estimation.observations import eliminate_line_positions
 from tests.commands import fails, omnimirror
 
 MIDDLE, RADIUS = np.array([322.0, 238.0]), 205.0

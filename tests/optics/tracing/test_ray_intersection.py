@@ -17,7 +17,7 @@ from omnimirror.optics.mirrors import (
     Sphere,
 )
 from omnimirror.optics.mirrors.mirror import MirrorPose
-from omnimirror.optics.tracing import _ray_intersection
+from omnimirror.optics.tracing import reflection
 from omnimirror.optics.tracing.meridian import Meridian
 from tests.conftest import MIRRORS, M
 from tests.everyday import few
@@ -55,11 +55,11 @@ def test_skew_rays_match_meridian(kind, lens):
     pupils, lens_directions, points, directions = chief_rays(
         mirror, m if lens == "perspective" else np.inf
     )
-    reflection = _ray_intersection.trace(mirror, pupils, lens_directions)
-    assert reflection.valid.all()
-    np.testing.assert_allclose(reflection.points, points, atol=1e-12, rtol=0)
-    np.testing.assert_allclose(reflection.directions, directions, atol=2e-14, rtol=0)
-    np.testing.assert_allclose(np.linalg.norm(reflection.normals, axis=1), 1.0, atol=1e-15)
+    reflections = reflection.trace(mirror, pupils, lens_directions)
+    assert reflections.valid.all()
+    np.testing.assert_allclose(reflections.points, points, atol=1e-12, rtol=0)
+    np.testing.assert_allclose(reflections.directions, directions, atol=2e-14, rtol=0)
+    np.testing.assert_allclose(np.linalg.norm(reflections.normals, axis=1), 1.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "hyperboloid", "paraboloid", "ellipsoid"])
@@ -67,12 +67,12 @@ def test_iteration_matches_quadratic(kind, monkeypatch):
     """The same conic, once as a quadric and once as a general surface, from arbitrary points."""
     mirror, _ = MIRRORS[kind]
     origins, directions = rays_from_anywhere(mirror, 4000)
-    quadratic = _ray_intersection.intersect(mirror, origins, directions)
-    short = _ray_intersection.intersect(mirror, origins, 1e-6 * directions)
-    monkeypatch.setattr(_ray_intersection, "Conic", type(None))
-    searched = _ray_intersection.intersect(mirror, origins, directions)
+    quadratic = reflection.intersect(mirror, origins, directions)
+    short = reflection.intersect(mirror, origins, 1e-6 * directions)
+    monkeypatch.setattr(reflection, "Conic", type(None))
+    searched = reflection.intersect(mirror, origins, directions)
     np.testing.assert_array_equal(quadratic.valid, searched.valid)
-    scaled = _ray_intersection.intersect(mirror, origins, 1e-6 * directions)
+    scaled = reflection.intersect(mirror, origins, 1e-6 * directions)
     for hits in (short, scaled):
         np.testing.assert_allclose(1e-6 * hits.distance, quadratic.distance, rtol=1e-7)
     assert 0.1 < quadratic.valid.mean() < 0.9
@@ -100,7 +100,7 @@ def test_intersection_is_first_and_from_front(kind):
     intersection."""
     mirror, _ = MIRRORS[kind]
     origins, directions = rays_from_anywhere(mirror, 300)
-    hits = _ray_intersection.intersect(mirror, origins, directions)
+    hits = reflection.intersect(mirror, origins, directions)
     steps = np.arange(0, 12 * M, M / 100)
     for o, d, t, valid in zip(origins, directions, hits.distance, hits.valid, strict=True):
         x, y, z = o[:, None] + d[:, None] * steps
@@ -122,7 +122,7 @@ def test_concave_zone_first_intersection(coefficients, start):
     """Rings with rising and falling slope: Newton's tangent would miss the first intersection, the
     parabola does not."""
     ring = EvenPolynomial(coefficients, 10.0, 10.0)
-    assert _ray_intersection.hollowness(ring) > 0
+    assert reflection.hollowness(ring) > 0
     rng = np.random.default_rng(6)
     origins = np.stack(
         [rng.uniform(-30, 30, 80), rng.uniform(-3, 3, 80), np.full(80, start)], axis=-1
@@ -130,7 +130,7 @@ def test_concave_zone_first_intersection(coefficients, start):
     targets = np.stack(
         [rng.uniform(-9, 9, 80), rng.uniform(-2, 2, 80), rng.uniform(0, 4, 80)], axis=-1
     )
-    hits = _ray_intersection.intersect(ring, origins, targets - origins)
+    hits = reflection.intersect(ring, origins, targets - origins)
     steps = np.linspace(0, 5, 50001)
     march = origins[:, :, None] + (targets - origins)[:, :, None] * steps
     r = np.hypot(march[:, 0], march[:, 1])
@@ -142,16 +142,16 @@ def test_concave_zone_first_intersection(coefficients, start):
     )
     assert (hits.valid == (is_above_front & np.isfinite(first))).all()
     np.testing.assert_allclose(hits.distance[hits.valid], first[hits.valid], atol=2e-4)
-    reflection = _ray_intersection.trace(ring, origins, targets - origins)
-    assert (~reflection.valid & hits.valid).any()  # some end on the other side of the ring
-    assert not (reflection.valid & ~hits.valid).any()
+    reflections = reflection.trace(ring, origins, targets - origins)
+    assert (~reflections.valid & hits.valid).any()  # some end on the other side of the ring
+    assert not (reflections.valid & ~hits.valid).any()
     unit = (targets - origins) / np.linalg.norm(targets - origins, axis=1, keepdims=True)
-    outgoing = _ray_intersection.reflect(unit, hits.normals)
+    outgoing = reflection.reflect(unit, hits.normals)
     onward = hits.points[:, :, None] + outgoing[:, :, None] * np.linspace(2e-3, 25.0, 12500)
     r = np.hypot(onward[:, 0], onward[:, 1])
     height = np.where(r <= 10, onward[:, 2] - ring.sag(np.minimum(np.nan_to_num(r), 10.0)), -1.0)
     is_hit_again = (height > 0).any(axis=1)
-    assert ((reflection.valid == (hits.valid & ~is_hit_again)) | ~hits.valid).all()
+    assert ((reflections.valid == (hits.valid & ~is_hit_again)) | ~hits.valid).all()
 
 
 def test_clearance_of_circles():
@@ -159,11 +159,11 @@ def test_clearance_of_circles():
     across = np.zeros((4, 2, 2))
     across[..., 0] = 0.3
     for radius in (0.0, -1.0):
-        clearance = _ray_intersection.circle_clearance(across, radius)
+        clearance = reflection.circle_clearance(across, radius)
         assert (clearance == np.inf).all()
         assert clearance.shape == (4, 2)
     # (r^2 - a^2) / (2 a)
-    np.testing.assert_allclose(_ray_intersection.circle_clearance(across, 0.5), -0.16, rtol=1e-12)
+    np.testing.assert_allclose(reflection.circle_clearance(across, 0.5), -0.16, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -173,31 +173,31 @@ def test_clearance_of_circles():
 def test_rays_from_the_surface(mirror):
     """A ray from the surface intersects it at its origin; a ray from inside the body does not."""
     origins = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, float(mirror.sag(30.0))]])
-    normals = _ray_intersection.normals_at(mirror, origins)
-    grid = _ray_intersection.normals_at(mirror, np.stack([origins] * 5))
+    normals = reflection.normals_at(mirror, origins)
+    grid = reflection.normals_at(mirror, np.stack([origins] * 5))
     np.testing.assert_array_equal(grid, np.stack([normals] * 5))
     up = np.array([0.0, 0.0, 1.0])
-    hits = _ray_intersection.intersect(mirror, origins, up)
+    hits = reflection.intersect(mirror, origins, up)
     np.testing.assert_allclose(hits.distance, 0.0, atol=1e-12)
-    assert not _ray_intersection.intersect(mirror, origins + 0.5 * up, up).valid.any()
-    assert not _ray_intersection.intersect(mirror, origins, -up).valid.any()
+    assert not reflection.intersect(mirror, origins + 0.5 * up, up).valid.any()
+    assert not reflection.intersect(mirror, origins, -up).valid.any()
     if isinstance(mirror, Cone):  # by iteration: beyond the surface by rounding
-        hits = _ray_intersection.intersect(mirror, origins + 1e-13 * up, up)
+        hits = reflection.intersect(mirror, origins + 1e-13 * up, up)
         np.testing.assert_allclose(hits.distance, 0.0, atol=1e-12)
 
 
 def test_tangent_ray_from_surface_does_not_intersect_it():
     bowl = EvenPolynomial((0.5, 0.1), 10.0, 10.0)
-    assert not _ray_intersection.intersect(bowl, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).valid.any()
+    assert not reflection.intersect(bowl, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]).valid.any()
 
 
 def test_a_conic_ends_at_its_equator():
     """A sphere whose rim is 1 um from it, with 50 - z = 0.7 mm at the first radius."""
     mirror = Sphere(50.0, 49.999)
-    up = _ray_intersection.intersect(mirror, [49.995, 0.0, 0.0], [0.0, 0.0, 1.0])
+    up = reflection.intersect(mirror, [49.995, 0.0, 0.0], [0.0, 0.0, 1.0])
     assert up.distance == pytest.approx(50.0 - np.sqrt(50.0**2 - 49.995**2), rel=1e-9)
     for height, is_valid in ((49.5, True), (50.5, False)):
-        hits = _ray_intersection.intersect(mirror, [100.0, 0.0, height], [-1.0, 0.0, 0.0])
+        hits = reflection.intersect(mirror, [100.0, 0.0, height], [-1.0, 0.0, 0.0])
         assert hits.valid == is_valid
 
 
@@ -220,13 +220,11 @@ def test_missing_rays_are_nan():
     ):
         for name, (origin, direction) in cases.items():
             with np.errstate(invalid="ignore"):
-                reflection = _ray_intersection.trace(mirror, [origin], [direction])
-            assert not reflection.valid[0], (mirror.KIND, name)
-            assert np.isnan(reflection.points).all()
-            assert np.isnan(reflection.directions).all()
-    assert _ray_intersection.intersect(sphere, np.empty((0, 3)), np.empty((0, 3))).valid.shape == (
-        0,
-    )
+                reflections = reflection.trace(mirror, [origin], [direction])
+            assert not reflections.valid[0], (mirror.KIND, name)
+            assert np.isnan(reflections.points).all()
+            assert np.isnan(reflections.directions).all()
+    assert reflection.intersect(sphere, np.empty((0, 3)), np.empty((0, 3))).valid.shape == (0,)
 
 
 @given(
@@ -265,7 +263,7 @@ def test_misaligned_reflection_matches_high_precision(x, y, tip, side, kind):
                 )
 
     at = [lambda t, i=i: mp.mpf(origin[i]) + t * mp.mpf(direction[i]) for i in range(3)]
-    start = _ray_intersection.intersect(mirror, [origin], [direction]).distance[0]
+    start = reflection.intersect(mirror, [origin], [direction]).distance[0]
     t = mp.findroot(lambda t: at[2](t) - sag(at[0](t), at[1](t)), start)
     p = [f(t) for f in at]
     n = mp.matrix([mp.diff(sag, (p[0], p[1]), (1, 0)), mp.diff(sag, (p[0], p[1]), (0, 1)), -1])
@@ -273,9 +271,9 @@ def test_misaligned_reflection_matches_high_precision(x, y, tip, side, kind):
     travel = mp.matrix([mp.mpf(v) for v in direction])
     travel /= mp.norm(travel)
     out = travel - 2 * (travel.T * n)[0] * n
-    reflection = _ray_intersection.trace(mirror, [origin], [direction])
-    np.testing.assert_allclose(reflection.points[0], [float(v) for v in p], atol=1e-12)
-    np.testing.assert_allclose(reflection.directions[0], [float(v) for v in out], atol=1e-13)
+    reflections = reflection.trace(mirror, [origin], [direction])
+    np.testing.assert_allclose(reflections.points[0], [float(v) for v in p], atol=1e-12)
+    np.testing.assert_allclose(reflections.directions[0], [float(v) for v in out], atol=1e-13)
 
 
 def test_pose_rotation_convention():
@@ -292,7 +290,7 @@ def test_pose_rotation_convention():
 
 
 def test_axis_has_azimuth_zero():
-    cos, sin = _ray_intersection._unit(
+    cos, sin = reflection._unit_radial(
         np.array([0.0, 3.0]), np.array([0.0, -4.0]), np.array([0.0, 5.0])
     )
     np.testing.assert_allclose([cos, sin], [[1.0, 0.6], [0.0, -0.8]], rtol=1e-15)
@@ -300,10 +298,10 @@ def test_axis_has_azimuth_zero():
 
 def test_chunked_rays_match_single_rays():
     mirror = Sphere(50.0, 44.0)
-    origins, directions = rays_from_anywhere(mirror, _ray_intersection.CHUNK + 3)
-    full = _ray_intersection.intersect(mirror, origins, directions)
-    for part in (slice(0, 2), slice(_ray_intersection.CHUNK - 1, _ray_intersection.CHUNK + 3)):
-        chunk = _ray_intersection.intersect(mirror, origins[part], directions[part])
+    origins, directions = rays_from_anywhere(mirror, reflection.RAYS_PER_CHUNK + 3)
+    full = reflection.intersect(mirror, origins, directions)
+    for part in (slice(0, 2), slice(reflection.RAYS_PER_CHUNK - 1, reflection.RAYS_PER_CHUNK + 3)):
+        chunk = reflection.intersect(mirror, origins[part], directions[part])
         for a, b in zip(chunk, full, strict=True):
             np.testing.assert_array_equal(a, b[part])
 
@@ -323,7 +321,7 @@ def test_distance_in_units_of_direction(mirror, distance):
     x = np.array([-43.9, -10.0, 5.0, 30.0])
     origins = np.stack([x, 0 * x, mirror.sag(abs(x)) - distance], axis=-1)
     for length in (1e-3, 1.0, 2.0):
-        hits = _ray_intersection.intersect(mirror, origins, np.array([0.0, 0.0, length]))
+        hits = reflection.intersect(mirror, origins, np.array([0.0, 0.0, length]))
         np.testing.assert_allclose(hits.distance, distance / length, rtol=1e-9, atol=1e-11)
         np.testing.assert_allclose(hits.points[:, 2], mirror.sag(abs(x)), atol=1e-9)
 
@@ -332,17 +330,17 @@ def test_hollowness_margin():
     """z = 0.02 r^2 (3 - r^2 / 200) has the curvatures z''= 0.12 - 0.0012 r^2 along and z'/r = 0.12
     - 0.0004 r^2 around."""
     bowl = EvenPolynomial((0.6, -0.1), 20.0, 10.0)
-    assert _ray_intersection.hollowness(bowl) == pytest.approx(
+    assert reflection.hollowness(bowl) == pytest.approx(
         1.5 * (12 * 0.1 * 20.0**2 / 10.0**3 - 2 * 0.6 / 10.0), rel=1e-12
     )
-    assert _ray_intersection.hollowness(EvenPolynomial((0.6, -0.1), 9.0, 10.0)) == 0.0
+    assert reflection.hollowness(EvenPolynomial((0.6, -0.1), 9.0, 10.0)) == 0.0
     large = EvenPolynomial((0.6, -0.1), 2000.0, 1000.0)  # the same, 100 times as large
-    assert _ray_intersection.hollowness(large) == pytest.approx(
-        _ray_intersection.hollowness(bowl) / 100, rel=1e-12
+    assert reflection.hollowness(large) == pytest.approx(
+        reflection.hollowness(bowl) / 100, rel=1e-12
     )
     dimple = EvenPolynomial((-0.3, 1.0), 10.0, 10.0)  # z'' = -0.06 at the vertex
-    assert _ray_intersection.hollowness(dimple) == pytest.approx(1.5 * 0.06, rel=1e-12)
+    assert reflection.hollowness(dimple) == pytest.approx(1.5 * 0.06, rel=1e-12)
     rounded = EvenPolynomial(
         (-1e-13, 1.0), 10.0, 10.0
     )  # z'' = -2e-14 at the vertex, 1.2 at the rim
-    assert _ray_intersection.hollowness(rounded) == 0.0
+    assert reflection.hollowness(rounded) == 0.0

@@ -25,7 +25,6 @@ from ...analysis.evaluation import Evaluation, evaluate, field_angles
 from ...base.errors import OmnimirrorError
 from ...base.typing import Array
 from ...cameras.camera import inside_image, rotate_vectors
-from ...design.merits import length_mm
 from ...optics.housing import Dome, FlatWindow, Housing, Shell
 from ...optics.mirrors.mirror import MirrorPose
 from ...optics.sensor import Sensor
@@ -435,7 +434,7 @@ def _facts(design: EvaluatedSensor, not_optimised: str | None) -> DesignSummary:
         focus_mm=e.focus_mm,
         depth_of_field_mm=(near, finite(far)),
         airy_px=e.airy_px,
-        length_mm=length_mm(e),
+        length_mm=e.length_mm,
         viewpoint_spread_mm=float(np.ptp(e.viewpoint_z_mm)),
         worst_blur_px=finite(float(blurs.max())),
         worst_floored_area_deg2=finite(float(e.floored_area_deg2.max())),

@@ -29,8 +29,13 @@ from ._bundle_adjustment import (
     shared_values,
     with_priors,
 )
-from ._residuals import SHAPE_NAMES, UNSEEN_PX, eliminate_line_positions, residuals_at_poses
-from .observations import rms_px
+from .observations import (
+    SHAPE_NAMES,
+    UNSEEN_PX,
+    eliminate_line_positions,
+    residuals_at_poses,
+    rms_px,
+)
 
 # -- Covariance, standard deviations and weakly determined combinations ----------------------------
 

@@ -19,7 +19,7 @@ from ...base.results import Columns, Result, table_of
 from ...base.typing import Array, Mask
 from ...cameras.models.camera_model import CameraModel
 from ..straight_edges import EdgeInformation, StraightEdges
-from ._residuals import (
+from .observations import (
     SHAPE_NAMES,
     SHAPE_UNITS,
     UNSEEN_PX,
@@ -27,12 +27,16 @@ from ._residuals import (
     Estimate,
     Linearised,
     Loss,
+    Observation,
+    Stack,
     eliminate_line_positions,
     linearise,
+    moved,
+    rms_px,
     slide_steps,
+    stacked,
     targets,
 )
-from .observations import Observation, Stack, moved, rms_px, stacked
 
 LOGGER = logging.getLogger(__name__)
 

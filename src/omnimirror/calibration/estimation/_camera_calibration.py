@@ -44,7 +44,6 @@ from ._pipeline import (
     ProgressReporter,
     run,
 )
-from ._residuals import SHAPE_NAMES, BoardShape
 from .calibration_result import Calibration, EdgeResult, ImageResult, ParameterResult
 from .model_sequence import KINDS, is_central
 from .observation_checks import (
@@ -59,7 +58,7 @@ from .observation_checks import (
     recommendations,
     remaining_outliers,
 )
-from .observations import Observation, RigidTransform, rms_px
+from .observations import SHAPE_NAMES, BoardShape, Observation, RigidTransform, rms_px
 
 # -- Parallax error --------------------------------------------------------------------------------
 

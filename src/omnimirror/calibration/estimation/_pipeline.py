@@ -27,7 +27,6 @@ from ._bundle_adjustment import (
     bundle_adjust,
     shared_names,
 )
-from ._residuals import UNSEEN_PX, BoardShape, Loss
 from .model_sequence import (
     KINDS,
     REFERENCE_MODELS,
@@ -52,7 +51,7 @@ from .observation_checks import (
     without_outliers,
     without_rejected,
 )
-from .observations import Observation, from_the_front
+from .observations import UNSEEN_PX, BoardShape, Loss, Observation, from_the_front
 
 THINNED, TRIAL_STEPS = 3, 25  # thinning factor and steps for the comparison of initial values
 TERMS = "mirror.coefficients"

@@ -15,16 +15,19 @@ from ...base.files import json_plain, write_text
 from ...base.parameters import Uncertainty
 from ...base.results import Columns, Result, table_of
 from ...base.typing import Array
-from ...cameras.models.camera_model import CameraModel, RadialModel, direction_sigma_deg
+from ...cameras.models.camera_model import (
+    CameraModel,
+    RadialModel,
+    direction_sigma_deg,
+    measured_field_deg,
+)
 from ...optics.camera_files import save_camera
 from ...optics.sensor import Sensor
-from .._initial_sensor import without_fold
-from ..sensor_model import SensorModel
-from ..uncertainty import measured_field_deg
+from ..sensor_model import SensorModel, without_fold
 from ._accuracy import HeldOut, ModelCandidate, ParameterCovariance, UndeterminedCombination
 from ._bundle_adjustment import BundleAdjustment
-from ._residuals import BoardShape
 from .observation_checks import Coverage, Outlier, remaining_outliers
+from .observations import BoardShape
 
 
 class ImageResult(NamedTuple):

@@ -25,12 +25,10 @@ from ...cameras.models import (
     ViewpointSpline,
 )
 from ...cameras.models.camera_model import CameraModel
-from .._initial_sensor import estimate_mirror_size
-from ..sensor_model import SensorModel
+from ..sensor_model import SensorModel, estimate_mirror_size
 from ._bundle_adjustment import MAX_STEPS, BundleAdjustment, Prior, bundle_adjust
-from ._residuals import UNSEEN_PX, BoardShape, residuals_at_poses
 from .observation_checks import check_start, inconsistent_images
-from .observations import Observation, RigidTransform
+from .observations import UNSEEN_PX, BoardShape, Observation, RigidTransform, residuals_at_poses
 
 # -- Initial poses without a prior -----------------------------------------------------------------
 

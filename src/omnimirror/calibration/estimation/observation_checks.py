@@ -24,8 +24,13 @@ from ._bundle_adjustment import (
     shared_values,
     with_priors,
 )
-from ._residuals import UNSEEN_PX, eliminate_line_positions
-from .observations import Observation, board_ends, flipped_observations
+from .observations import (
+    UNSEEN_PX,
+    Observation,
+    board_ends,
+    eliminate_line_positions,
+    flipped_observations,
+)
 
 # -- Images, outliers and coverage -----------------------------------------------------------------
 

@@ -309,10 +309,7 @@ def _lens_image(sensor: Sensor) -> Array:
     def line_of_sight(position: Array) -> tuple[Array, Array]:
         """Return a mirror point (1, 3) relative to the lens, and the direction to the lens."""
         height = mirror.sag(np.array([np.hypot(*position)]))
-        point = (
-            pose.to_camera(np.array([[*position, float(height[0])]]))
-            - sensor.optical_train.lens_offset
-        )
+        point = pose.to_camera(np.array([[*position, float(height[0])]])) - sensor.lens_offset
         towards = np.array([[0.0, 0.0, -1.0]]) if sensor.lens.TELECENTRIC else -point
         return point, towards / np.linalg.norm(towards)
 
@@ -357,7 +354,7 @@ def _fit_pose(sensor: Sensor, rim: MirrorOutline, tilt_side: int) -> Sensor:
 
     def offsets_from_centre(numbers: Array) -> Array:
         """Return offsets (n, 2) of the scaled image points of the rim from the ellipse centre."""
-        points = pose_of(numbers).to_camera(circle) - sensor.optical_train.lens_offset
+        points = pose_of(numbers).to_camera(circle) - sensor.lens_offset
         towards = (
             np.broadcast_to([0.0, 0.0, -1.0], points.shape) if sensor.lens.TELECENTRIC else -points
         )

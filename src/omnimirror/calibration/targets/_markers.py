@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.typing import Array
+from ._chessboards import completed, predicted, without_strays
 from ._image_preparation import Grey, bytes_of, scaled, scales, unscaled_px
-from ._lattice_growth import completed, predicted, without_strays
 from .boards import Board, dictionary
 
 Ids = NDArray[np.int_]

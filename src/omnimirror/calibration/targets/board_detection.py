@@ -17,10 +17,21 @@ from ...base.arguments import instance, validate_arguments
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.worker_processes import WorkerPool
 from ...cameras.camera import Camera
-from ._chessboards import find_chessboard, find_chessboards, is_whole, ordered, placed
+from ._chessboards import (
+    LatticePart,
+    coloured,
+    completed,
+    find_chessboard,
+    find_chessboards,
+    goes_on,
+    grown,
+    is_whole,
+    ordered,
+    placed,
+    trimmed,
+)
 from ._corner_refinement import maps_about, refine_corners
 from ._image_preparation import Grey, LocalView, edge_blur_px, grey, local_views
-from ._lattice_growth import LatticePart, coloured, completed, goes_on, grown, trimmed
 from ._markers import find_by_markers, layout_difference, read_markers
 from .boards import Board, Detection
 

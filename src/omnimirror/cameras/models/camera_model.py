@@ -233,6 +233,13 @@ def field_angles(model: CameraModel, directions: Array) -> Array:
     )
 
 
+def measured_field_deg(model: CameraModel, pixels: Array) -> float | None:
+    """Return the calibrated field of measured pixels (n, 2): their maximum field angle (deg)."""
+    rays = model.backproject(pixels)
+    directions = rotate_vectors(rays.directions[rays.valid], model.mount.rotation())
+    return float(field_angles(model, directions).max()) if len(directions) else None
+
+
 def within_field(
     model: CameraModel, directions: Array, field_deg: float | None
 ) -> NDArray[np.bool_]:

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from ...base.arguments import format_value
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.native import backend
+from ...base.quantities import format_part
 from ...base.typing import Array
-from ...design.limits import LIMITABLE, Limit, format_part
+from ...design.limits import LIMITABLE, Limit
 from ...design.merits import OF_THE_WHOLE
 from ...optics.sensor import Sensor
 from ...optics.tracing.reflection import REFLECTION_TOLERANCE, RIM_SLACK

@@ -337,30 +337,35 @@ def is_vectorised(sensor: Sensor, values: Collection[str] = ()) -> bool:
 class _Growth:
     """Thermal expansion of trials (t,); formulas of :mod:`omnimirror.analysis.operating_conditions`."""
 
-    thermal: Thermal
+    thermal: Thermal | None
     warmer: Array
 
     @classmethod
     def of(cls, sensor: Sensor, error: _Errors) -> _Growth:
-        return cls(sensor.thermal or Thermal(), error(WARMER))
+        return cls(sensor.thermal, error(WARMER))
 
     def _factor(self, ppm_per_k: float) -> Array:
         return 1 + 1e-6 * ppm_per_k * self.warmer
 
+    def _part_factor(self, part: str) -> Array:
+        return self._factor(0.0 if self.thermal is None else self.thermal.expansion_ppm(part))
+
     @property
     def spacer(self) -> Array:
-        return self._factor(self.thermal.expansion_ppm("spacer"))
+        return self._part_factor("spacer")
 
     @property
     def mirror(self) -> Array:
-        return self._factor(self.thermal.expansion_ppm("mirror"))
+        return self._part_factor("mirror")
 
     @property
     def imager(self) -> Array:
-        return self._factor(self.thermal.imager_ppm_per_k)
+        return self._factor(0.0 if self.thermal is None else self.thermal.imager_ppm_per_k)
 
     def lens(self, focal: Array, focus: Array) -> tuple[Array, Array]:
         """Return focal lengths and focus distances with thermally displaced imagers."""
+        if self.thermal is None:
+            return focal, focus
         by_focal, by_mount = self.thermal.focal_ppm_per_k, self.thermal.expansion_ppm("mount")
         if not (by_focal or by_mount) or not self.warmer.any():
             return focal, focus
@@ -373,7 +378,7 @@ class _Growth:
         the rim.
         """
         held = np.zeros(len(self.warmer))
-        if self.thermal.held_at == "rim" and self.warmer.any():
+        if self.thermal is not None and self.thermal.held_at == "rim" and self.warmer.any():
             rim = np.full((1, 1), surfaces.rim_radius_mm)
             held = surfaces.meridian(rim)[:, 0]
         return (sensor.mirror_distance_mm + held) * self.spacer - held * self.mirror

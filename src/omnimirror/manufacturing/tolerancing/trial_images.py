@@ -489,7 +489,7 @@ def sensor_images(
 
     def imaged(sensor: Sensor) -> tuple[Array, Array]:
         """Return offsets (n, 2) in px and blur matrices (n, 2, 2)."""
-        lens, offset = sensor.lens, sensor.optical_train.lens_offset
+        lens, offset = sensor.lens, sensor.lens_offset
         flat = lens.image_of(result.facing_points - offset, result.to_pupils)
         round_about = lens.image_of(beside.facing_points - offset, beside.to_pupils).reshape(
             n, 4, 2

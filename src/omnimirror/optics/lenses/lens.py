@@ -125,6 +125,14 @@ class Lens(ABC):
         """Smallest object distance (mm) of the focus range."""
         return 0.0
 
+    def offset(self, mirror_distance_mm: float, secondary_distance_mm: float = 0.0) -> Array:
+        """Return the reference point (3,) of the lens, mm from the nominal mirror vertex.
+
+        That of an orthographic lens is the vertex of the mirror that faces it.
+        """
+        z = -secondary_distance_mm if self.TELECENTRIC else -mirror_distance_mm
+        return np.array([0.0, 0.0, z])
+
     @abstractmethod
     def ideal_height(self, x: Array, w: Array) -> Array:
         """Compute the undistorted image height (mm) of a mirror point at distance x (Eq. 7)."""

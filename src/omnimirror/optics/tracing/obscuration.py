@@ -19,8 +19,8 @@ from ...base.typing import Array, Mask
 from ..housing import TELECENTRIC_LENS_DISTANCE_RIMS, CameraBody, Envelope, FlatWindow, Housing, Rim
 from ..mirrors import Mirror, Secondary
 from ..mirrors.mirror import MirrorPose
-from ._ray_intersection import circle_clearance
 from .meridian import ChiefRays, Cover, Meridian
+from .reflection import circle_clearance
 
 PLACES = 2049  # mirror points sampled to locate the edges of rings
 TOUCHES_DEG = 1e-6  # distance at which a ring is merged with an end of the field

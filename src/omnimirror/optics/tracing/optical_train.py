@@ -21,7 +21,6 @@ from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary
 from ..mirrors.mirror import NO_FORM, MirrorForm, MirrorPose
 from . import reflection
-from ._ray_intersection import Reflections, circle_clearance, reflect, trace
 from .meridian import Cover, Meridian
 from .obscuration import Obstructions
 from .reflection import (
@@ -32,7 +31,11 @@ from .reflection import (
     MirrorSurface,
     RayEndpoints,
     ReflectionPoints,
+    Reflections,
+    circle_clearance,
     meridian_table,
+    reflect,
+    trace,
 )
 from .shell_transmission import pose_of, shell_exit, shell_kernel_arguments
 from .two_mirrors import FoldedMirror
@@ -58,7 +61,7 @@ class PosedMirror:
     form: MirrorForm = NO_FORM
 
     def trace(self, origins: Array, directions: Array) -> Reflections:
-        """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.optics.tracing._ray_intersection.trace`."""
+        """Reflect rays (n, 3), (n, 3); see :func:`omnimirror.optics.tracing.reflection.trace`."""
         inside_directions = self.pose.rotate_to_mirror(directions)
         reflections = trace_formed(
             self.mirror, self.form, self.pose.to_mirror(origins), inside_directions
@@ -154,7 +157,7 @@ class PosedMirror:
 def trace_formed(
     mirror: Mirror, form: MirrorForm, origins: Array, directions: Array
 ) -> Reflections:
-    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`._ray_intersection.trace`.
+    """Reflect rays (n, 3), (n, 3) on a mirror with a form error; see :func:`.reflection.trace`.
 
     Form errors are of the order of micrometres: a few steps of Newton's method along the ray lead
     from the nominal to the actual surface. Rays that miss the nominal mirror are invalid; the
@@ -670,14 +673,8 @@ class OpticalTrain:
     @property
     def lens_offset(self) -> Array:
         """Reference point (3,) of the lens."""
-        vertex = 0.0 if self.secondary is None else -self.secondary.distance_mm
-        return np.array([0.0, 0.0, vertex if self.lens.TELECENTRIC else -self.mirror_distance_mm])
-
-    @property
-    def pupil_offset(self) -> Array:
-        """Centre (3,) of the paraxial entrance pupil of the lens."""
-        offset: Array = self.lens_offset + np.array([0.0, 0.0, self.lens.pupil.at_mm])
-        return offset
+        second = 0.0 if self.secondary is None else self.secondary.distance_mm
+        return self.lens.offset(self.mirror_distance_mm, second)
 
     def clearances(
         self, facing_points: Array, points: Array, to_pupils: Array, to_targets: Array

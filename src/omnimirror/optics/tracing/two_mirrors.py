@@ -14,8 +14,7 @@ from ...base.numerics import NEWTON_TOLERANCE, increasing_root, sign_change
 from ...base.typing import Array
 from ..lenses.lens import IN_REFERENCE_POINT, EntrancePupil
 from ..mirrors import Mirror, Secondary
-from . import _ray_intersection
-from ._ray_intersection import Reflections, circle_clearance
+from . import reflection
 from .meridian import NODES, ChiefRays, Meridian, checked
 from .reflection import (
     MAX_STEP_LENGTH,
@@ -25,6 +24,8 @@ from .reflection import (
     MirrorSurface,
     RayEndpoints,
     ReflectionPoints,
+    Reflections,
+    circle_clearance,
 )
 
 # -- Chief rays over two mirrors -------------------------------------------------------------------
@@ -364,7 +365,7 @@ class FoldedMirror:
 
     def unobstructed(self, origins: Array, directions: Array) -> Reflections:
         """Reflect rays (n, 3), (n, 3) at both mirrors, ignoring bore, camera and secondary."""
-        return _ray_intersection.trace(self.mirror, *self.off_secondary(origins, directions))
+        return reflection.trace(self.mirror, *self.off_secondary(origins, directions))
 
     def facing_points(self, origins: Array, directions: Array) -> Array:
         """Return the intersections (n, 3) of lens-side rays with the secondary."""
@@ -372,7 +373,7 @@ class FoldedMirror:
 
     def off_secondary(self, origins: Array, directions: Array) -> tuple[Array, Array]:
         """Reflect lens-side rays (n, 3), (n, 3) at the secondary, to the world frame."""
-        first = _ray_intersection.trace(self.secondary.mirror, origins - self._vertex, directions)
+        first = reflection.trace(self.secondary.mirror, origins - self._vertex, directions)
         return (
             first.points * SECONDARY_TO_WORLD + self._vertex,
             first.directions * SECONDARY_TO_WORLD,

@@ -266,7 +266,7 @@ def command(
                 detections,
                 board,
                 surveys=survey_data.observations,
-                lines=read_line_points(survey.lines),
+                lines=read_line_points(survey.lines) if survey.lines else None,
                 lines_distance_mm=survey.lines_distance_mm,
                 image_size=survey.image_size,
                 **model_arguments,

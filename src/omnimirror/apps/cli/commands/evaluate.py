@@ -20,6 +20,7 @@ from ....base.toml_validation import SourceLocator, merge_tables
 from ....base.typing import Array
 from ....calibration.sensor_model import SensorModel
 from ....optics.camera_files import load_camera
+from ....optics.housing import NO_HOUSING
 from ....optics.lenses import BlurMode, SurfaceLens
 from ....optics.mirrors import Cone, SampledProfile
 from ....optics.sensor import Sensor
@@ -298,7 +299,7 @@ def print_summary(console: Console, result: Evaluation, merit: str) -> None:
         f"{result.wavelength_nm:g} nm",
         f"best focus by {merit}: {best.focus_mm:.2f} mm, value {best.value:.4g} {QUANTITIES[merit].unit}",
     ]
-    if not sensor.housing.is_empty:
+    if sensor.housing != NO_HOUSING:
         lines.append(
             f"obscured at every azimuth: {obscuration_summary(sensor.obscurations, sensor.obscured_percent)}"
         )

@@ -133,9 +133,9 @@ class ToolOptions(Options):
     clearance_mm: float = setting("tool", 1.0)
     x_is_diameter: bool = setting("tool", False)
 
-    def tool(self) -> Tool:
-        """Return the tool."""
-        return Tool(**self.given)
+    def tool(self) -> Tool | None:
+        """Return the tool; None if all options have their default."""
+        return None if self == ToolOptions() else Tool(**self.given)
 
 
 @click.command(
@@ -202,7 +202,8 @@ def command(
     Prints a table with the deviation of the surface in each file from the mirror.
     """
     camera = load_sensor(sensor)
-    data = _workshop(camera, workshop, tolerances)
+    can_draw = formats is None or any(f".{name}" in DRAWN for name in formats)
+    data = _workshop(camera, workshop, tolerances) if can_draw or workshop or tolerances else None
     console = output_console()
     with console.status("Writing"):
         written = export(
@@ -226,12 +227,10 @@ def command(
     if json_file:
         write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
         print_written(json_file, console=console)
-    parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
-    if any(file.path.suffix.lower() in DRAWN for file in written) and (
-        missing := data.missing(parts)
-    ):
-        console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")
-    if any(file.path.suffix.lower() in DRAWN for file in written):
+    if data is not None and any(file.path.suffix.lower() in DRAWN for file in written):
+        parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
+        if missing := data.missing(parts):
+            console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")
         for conflict in tolerance_conflicts(camera, data, body.body(camera), body.secondary_body()):
             print_line(("inconsistent tolerances", "yellow"), f": {conflict}", console=console)
     for file in written:

@@ -10,7 +10,7 @@ from ....interop.view_maps import MAP_FORMATS, write_maps
 from ....optics.camera_files import load_camera
 from .._declarations import SENSOR, DocumentedCommand, add_options
 from .._output import output_console, output_option
-from .._view_options import ViewOptions
+from .dewarp import ViewOptions
 from .rays import check_one_file, formats_option, print_exported_files
 
 
