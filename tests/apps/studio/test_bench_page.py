@@ -543,7 +543,7 @@ def test_bench_respects_content_security_policy(browser, server):
     urls = []
     page.on("request", lambda r: urls.append(r.url))
     page.goto(server)
-    page.get_by_text("Elevation -90").wait_for()
+    page.get_by_text("Drop an image or video here").wait_for()
     assert not any("bench" in url for url in urls)  # the bench does not delay the first paint
     page.get_by_role("button", name="Design", exact=True).click()
     wait_for_plots(page)
