@@ -648,7 +648,7 @@ def test_cancelled_waiting_client_keeps_no_slot():
         order: list[str] = []
 
         async def hold(name: str) -> None:
-            async with slots.held(name):
+            async with slots.slot(name):
                 order.append(name)
                 await asyncio.sleep(0.01)
 

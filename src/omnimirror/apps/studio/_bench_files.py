@@ -102,7 +102,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- download --------------------------------------------------------------------------------------
 
 
-def downloaded(requested: FileRequest) -> File:
+def design_file(requested: FileRequest) -> File:
     """Create a small file of a design, as written by ``omnimirror evaluate``.
 
     Raises

@@ -21,7 +21,7 @@ from ....manufacturing import (
 )
 from ....manufacturing.body import TAP_DRILLS_MM
 from ....manufacturing.drawings.sheet import SHEETS
-from ....manufacturing.exporter import export
+from ....manufacturing.exporter import DRAWING_SUFFIXES, export
 from ....manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
 from ....manufacturing.tolerancing.tolerance_file import load_allocated_tolerances
 from ....optics.sensor import Sensor
@@ -43,8 +43,6 @@ from .._output import (
     print_line,
     print_written,
 )
-
-DRAWN = (".pdf", ".svg", ".png", ".dxf")
 
 
 def formats(text: str) -> list[str]:
@@ -227,11 +225,11 @@ def command(
         write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
         print_written(json_file, console=console)
     parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
-    if any(file.path.suffix.lower() in DRAWN for file in written) and (
+    if any(file.path.suffix.lower() in DRAWING_SUFFIXES for file in written) and (
         missing := data.missing(parts)
     ):
         console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")
-    if any(file.path.suffix.lower() in DRAWN for file in written):
+    if any(file.path.suffix.lower() in DRAWING_SUFFIXES for file in written):
         for conflict in tolerance_conflicts(camera, data, body.body(camera), body.secondary_body()):
             print_line(("inconsistent tolerances", "yellow"), f": {conflict}", console=console)
     for file in written:
