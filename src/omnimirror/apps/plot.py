@@ -279,7 +279,8 @@ def spots(result: Spots, ax: AxesLike = None, *, style: str = "paper") -> PlotAx
     result
         Result of :func:`omnimirror.spots`.
     ax
-        One for each field angle and focus, in rows of focuses; by default those of a new figure.
+        Axes, one per field angle and focus with one row per focus; by default those of a new
+        figure.
     style
         ``"paper"`` or ``"slides"``.
 
@@ -313,7 +314,7 @@ def psf(result: Psf | Sequence[Psf], ax: AxesLike = None, *, style: str = "paper
     result
         One or several results of :func:`omnimirror.psf`.
     ax
-        One for each PSF; by default those of a new figure.
+        Axes, one per PSF; by default those of a new figure.
     style
         ``"paper"`` or ``"slides"``.
 

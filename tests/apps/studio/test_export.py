@@ -148,7 +148,7 @@ def test_progress_precedes_the_file():
     assert fractions == sorted(fractions)
     assert len(fractions) == 4
     assert (messages[-1]["state"], messages[-1]["name"]) == ("done", "paper-spherical.zip")
-    assert "The drawing lacks: drawing number" in messages[-1]["remarks"][0]
+    assert "Missing entries of the drawing: drawing number" in messages[-1]["remarks"][0]
     assert set(unpacked(data)) == {
         "README.txt",
         "paper-spherical-sag.csv",

@@ -155,7 +155,7 @@ def _remarks(sensor: Sensor, workshop: Workshop, written: list[ExportedFile]) ->
         parts = ("mirror",) if sensor.secondary is None else ("mirror", "secondary")
         if missing := workshop.missing(parts):
             labels = ", ".join(_label(name) for name in missing)
-            remarks.append(f"The drawing lacks: {labels}.")
+            remarks.append(f"Missing entries of the drawing: {labels}.")
         remarks += [
             f"Inconsistent tolerances: {text}." for text in tolerance_conflicts(sensor, workshop)
         ]

@@ -252,7 +252,7 @@ DECREASE = 1.5  # weight of the decrease of the residual from the full to the sm
 MAX_CONTRADICTION = 0.085  # of images of the known blur
 COMPARED_WIDTH_PX, COMPARED_WIDTH = 1.5, 0.8  # minimum blur of the pixels: absolute, of the largest
 MIN_COMPARED_PIXELS = 60
-RESIDUAL_PX, REMOVED_PX = 3, 5  # windows
+RESIDUAL_PX, REMOVED_PX = 3, 5  # side lengths of averaging windows
 MIN_HIGHLIGHT_PX = 4.0  # minimum distance from pixels that are brighter than white
 
 
@@ -262,8 +262,9 @@ def contradiction(
     """Return the residual of a blur relative to the removed blur, or, if less, its weighted
     decrease with a smaller blur; 0 with too few pixels.
 
-    Evaluated where most blur is removed, and not within the blur of pixels brighter than white. Up
-    to :data:`MAX_CONTRADICTION` in images of the known blur, usually 0.1 to 0.3 in sharper images.
+    The pixels with the largest removed blur are evaluated, except near pixels brighter than white.
+    The result is at most :data:`MAX_CONTRADICTION` in images with the known blur, and usually 0.1
+    to 0.3 in sharper images.
 
     Parameters
     ----------
@@ -295,15 +296,17 @@ def contradiction(
         return 0.0
     total = removed[compared].sum()
 
-    def relative(residual: Values) -> float:
+    def residual_ratio(residual: Values) -> float:
         squares = cv2.blur(_mean_squares(residual), (RESIDUAL_PX, RESIDUAL_PX)) - noise.by_pixel**2
         return float(np.sqrt(max(squares[compared].sum(), 0) / total))
 
-    full_ratio = relative(residual)
+    full_ratio = residual_ratio(residual)
     excess = full_ratio - NOISE_WEIGHT * float(np.sqrt(variance[compared].sum() / total))
     if smaller is None or excess <= MAX_CONTRADICTION:
         return excess
-    smaller_ratio = relative(smaller.residual(here, smaller.solve(here, noise, smaller.effort)))
+    smaller_ratio = residual_ratio(
+        smaller.residual(here, smaller.solve(here, noise, smaller.effort))
+    )
     return min(excess, DECREASE * (full_ratio - smaller_ratio))
 
 
