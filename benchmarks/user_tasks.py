@@ -113,7 +113,7 @@ def photographer(session: Session) -> None:
     session.complete_step("views of the image with each type of mirror")
     session.click(session.page.get_by_role("button", name="Mirror ball camera level"))
     session.wait_until("window.omnimirror.look.sensor.camera.model.id === 'ball:340'")
-    session.page.locator("#said.shown").filter(has_text="vertical edges").wait_for()
+    session.page.locator("#notice.shown").filter(has_text="vertical edges").wait_for()
     session.complete_step("own image, dewarped and levelled")
     session.click(session.page.locator("#modes label").filter(has_text="Perspective"))
     session.drag(0.3)

@@ -78,7 +78,7 @@ def raises(function: Any) -> bool:
     return any(isinstance(n, ast.Raise) and n.exc for n in ast.walk(tree)) or bool(calls & CHECKS)
 
 
-def lacking(item: Any, of: type | None = None) -> Iterator[str]:
+def missing_sections(item: Any, of: type | None = None) -> Iterator[str]:
     """Yield the parts that the docstring of a function, class or method lacks."""
     doc = inspect.getdoc(item)
     if not doc:
@@ -147,7 +147,7 @@ NAMES = explained_names()
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_public_name_has_docstring(name):
-    assert list(lacking(*NAMES[name])) == []
+    assert list(missing_sections(*NAMES[name])) == []
 
 
 def test_missing_docstrings_are_detected():
@@ -163,7 +163,7 @@ def test_missing_docstrings_are_detected():
         """
         raise ValueError
 
-    assert list(lacking(half)) == [
+    assert list(missing_sections(half)) == [
         "parameter sensor",
         "shape of pixels",
         "no parameter angle",

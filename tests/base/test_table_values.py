@@ -81,7 +81,7 @@ def test_bundled_parts_are_plain():
     ids=["sensors", "command"],
 )
 def test_bundled_sensors_do_not_import_large_packages(program):
-    """The first sensor takes less than 0.3 s because these packages are imported when used."""
+    """Loading a sensor takes less than 0.3 s without the import of these packages."""
     packages = ("scipy", "pydantic", "matplotlib", "cv2", "PIL")
     check = f"import atexit, sys; atexit.register(lambda: print('\\n', [p for p in {packages} if p in sys.modules]))"
     run = subprocess.run(

@@ -21,18 +21,18 @@ declare global {
 
 /** Report an unavailable server, and resume when it is available again. */
 function watchServer(look: Look, tabs: Tabs): void {
-  let wasAway = false;
+  let wasUnavailable = false;
   const beat = async (): Promise<void> => {
     try {
       if (document.visibilityState === "visible") {
-        const there = await api.isThere();
-        banner(there ? null : SERVER_UNAVAILABLE, "server");
-        if (there && (wasAway || look.sensor.camera)) await look.resume().catch(fail); // an outage can be shorter than the interval
-        if (there && wasAway) {
+        const isAvailable = await api.isServerAvailable();
+        banner(isAvailable ? null : SERVER_UNAVAILABLE, "server");
+        if (isAvailable && (wasUnavailable || look.sensor.camera)) await look.resume().catch(fail); // an outage can be shorter than the interval
+        if (isAvailable && wasUnavailable) {
           say("The server is available again.");
           tabs.show();
         }
-        wasAway = !there;
+        wasUnavailable = !isAvailable;
       }
     } finally {
       setTimeout(() => background(beat()), HEARTBEAT_MS);

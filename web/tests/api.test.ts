@@ -76,8 +76,8 @@ test.each<[Response, string]>([
 test("a server that is silent is away", async () => {
   answering(new TypeError("failed to fetch"), new TypeError("failed to fetch"), new Response("{}"));
   await expect(api.start()).rejects.toBeInstanceOf(api.ServerUnavailable);
-  expect(await api.isThere()).toBe(false);
-  expect(await api.isThere()).toBe(true);
+  expect(await api.isServerAvailable()).toBe(false);
+  expect(await api.isServerAvailable()).toBe(true);
 });
 
 test("a file has the name that the server gives it", async () => {

@@ -257,10 +257,10 @@ test("an answer that cannot be read counts as none, and the next question is sen
 test("a task that is begun anew closes the connection of the last one", () => {
   vi.stubGlobal("document", { baseURI: "http://127.0.0.1/" });
   const task = new ServerTask();
-  const cutOff = vi.fn();
-  for (let i = 0; i < 2; i++) task.begin("api/bench/work", [], () => {}, cutOff);
+  const onInterruption = vi.fn();
+  for (let i = 0; i < 2; i++) task.begin("api/bench/work", [], () => {}, onInterruption);
   expect(Socket.all.map((socket) => socket.readyState)).toEqual([3, 0]);
-  expect(cutOff).not.toHaveBeenCalled();
+  expect(onInterruption).not.toHaveBeenCalled();
 });
 
 test("a question that fails unforeseen does not hold up the next", async () => {

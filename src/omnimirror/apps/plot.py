@@ -50,7 +50,7 @@ __all__ = [
 
 AxesLike: TypeAlias = Axes | Sequence[Axes] | NDArray[Any] | None
 """Axes of the caller: one, or one per panel in reading order; None for those of a new figure."""
-Plotted: TypeAlias = Any
+PlotAxes: TypeAlias = Any
 """Axes, or an array (n,) of axes if there are several panels."""
 
 # -- Axes ------------------------------------------------------------------------------------------
@@ -68,13 +68,13 @@ def _axes_of(ax: AxesLike) -> list[Axes] | None:
     return axes
 
 
-def _plot(ax: AxesLike, style: str, function: Callable[[list[Axes] | None], Figure]) -> Plotted:
+def _plot(ax: AxesLike, style: str, function: Callable[[list[Axes] | None], Figure]) -> PlotAxes:
     """Draw on axes, or on those of a new figure of pyplot, and return them."""
     axes = _axes_of(ax)
     with styled(style), pyplot_figures():
         figure = function(axes)
-    drawn = axes or [each for each in figure.axes if each.get_label() != "<colorbar>"]
-    return drawn[0] if len(drawn) == 1 else np.array(drawn, dtype=object)
+    result_axes = axes or [each for each in figure.axes if each.get_label() != "<colorbar>"]
+    return result_axes[0] if len(result_axes) == 1 else np.array(result_axes, dtype=object)
 
 
 # -- Curves of sensors -----------------------------------------------------------------------------
@@ -86,7 +86,7 @@ def mapping(
     *,
     conditions: Conditions = EXACT,
     style: str = "paper",
-) -> Plotted:
+) -> PlotAxes:
     """Plot the image height against the field angle, and its derivative.
 
     Parameters
@@ -103,7 +103,7 @@ def mapping(
     Returns
     -------
     Axes or (2,) array of Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def blur(
     *,
     conditions: Conditions = EXACT,
     style: str = "paper",
-) -> Plotted:
+) -> PlotAxes:
     """Plot the tangential and sagittal blur against the field angle.
 
     Parameters
@@ -149,7 +149,7 @@ def blur(
     Returns
     -------
     Axes or (3,) array of Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def viewpoints(
     *,
     conditions: Conditions = EXACT,
     style: str = "paper",
-) -> Plotted:
+) -> PlotAxes:
     """Plot the height at which chief rays meet the axis against the field angle.
 
     Parameters
@@ -193,7 +193,7 @@ def viewpoints(
     Returns
     -------
     Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def section(
     *,
     conditions: Conditions = EXACT,
     style: str = "paper",
-) -> Plotted:
+) -> PlotAxes:
     """Plot cross-sections with chief rays, and close-ups with the virtual images.
 
     Parameters
@@ -234,7 +234,7 @@ def section(
     Returns
     -------
     Axes or (n,) array of Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -271,7 +271,7 @@ def _subjects(sensors: Sensor | Sequence[Sensor], conditions: Conditions) -> lis
 # -- Whole aperture --------------------------------------------------------------------------------
 
 
-def spots(result: Spots, ax: AxesLike = None, *, style: str = "paper") -> Plotted:
+def spots(result: Spots, ax: AxesLike = None, *, style: str = "paper") -> PlotAxes:
     """Plot spot diagrams with pixel grid and Airy disc.
 
     Parameters
@@ -279,14 +279,15 @@ def spots(result: Spots, ax: AxesLike = None, *, style: str = "paper") -> Plotte
     result
         Result of :func:`omnimirror.spots`.
     ax
-        One for each field angle and focus, in rows of focuses; by default those of a new figure.
+        Axes, one per field angle and focus with one row per focus; by default those of a new
+        figure.
     style
         ``"paper"`` or ``"slides"``.
 
     Returns
     -------
     Axes or (n,) array of Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -305,7 +306,7 @@ def spots(result: Spots, ax: AxesLike = None, *, style: str = "paper") -> Plotte
     return _plot(ax, style, lambda axes: aperture.spot_matrix(result, axes))
 
 
-def psf(result: Psf | Sequence[Psf], ax: AxesLike = None, *, style: str = "paper") -> Plotted:
+def psf(result: Psf | Sequence[Psf], ax: AxesLike = None, *, style: str = "paper") -> PlotAxes:
     """Plot point-spread functions with logarithmic intensity.
 
     Parameters
@@ -313,14 +314,14 @@ def psf(result: Psf | Sequence[Psf], ax: AxesLike = None, *, style: str = "paper
     result
         One or several results of :func:`omnimirror.psf`.
     ax
-        One for each PSF; by default those of a new figure.
+        Axes, one per PSF; by default those of a new figure.
     style
         ``"paper"`` or ``"slides"``.
 
     Returns
     -------
     Axes or (n,) array of Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -343,7 +344,7 @@ def psf(result: Psf | Sequence[Psf], ax: AxesLike = None, *, style: str = "paper
     return _plot(ax, style, lambda axes: aperture.psf_images(results, axes))
 
 
-def mtf(result: Mtf, ax: AxesLike = None, *, style: str = "paper") -> Plotted:
+def mtf(result: Mtf, ax: AxesLike = None, *, style: str = "paper") -> PlotAxes:
     """Plot the tangential and sagittal MTF against the spatial frequency.
 
     Parameters
@@ -358,7 +359,7 @@ def mtf(result: Mtf, ax: AxesLike = None, *, style: str = "paper") -> Plotted:
     Returns
     -------
     Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -388,7 +389,7 @@ def tolerances(
     *,
     kind: ToleranceKind = "sensitivities",
     style: str = "paper",
-) -> Plotted:
+) -> PlotAxes:
     """Plot the result of a tolerance analysis.
 
     Parameters
@@ -406,7 +407,7 @@ def tolerances(
     Returns
     -------
     Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------
@@ -451,7 +452,7 @@ def calibration(
     *,
     kind: CalibrationKind = "residuals",
     style: str = "paper",
-) -> Plotted:
+) -> PlotAxes:
     """Plot the result of a calibration.
 
     Parameters
@@ -471,7 +472,7 @@ def calibration(
     Returns
     -------
     Axes or (2,) array of Axes
-        The axes drawn on.
+        The axes result_axes on.
 
     Raises
     ------

@@ -320,15 +320,16 @@ def run_on_cluster(block: BlockTask) -> Any:
 
 
 MMAP_BYTES, TRIM_BYTES = 32 << 20, 64 << 20
-"""Maximum thresholds that glibc sets by itself."""
+"""Maximum thresholds, in bytes, of the automatic adjustment in glibc."""
 
 
 @cache
 def reuse_freed_memory() -> None:
-    """Keep freed memory of images in this process, with the GNU C library.
+    """Raise the limits below which the GNU C library retains freed memory for further images.
 
-    Dask starts workers with MALLOC_TRIM_THRESHOLD_ = 64 kB, by which each image is allocated from
-    and returned to the operating system. This requires 30 % more processor time for dewarping.
+    Dask starts workers with MALLOC_TRIM_THRESHOLD_ = 64 kB: the memory of each image is requested
+    from the operating system and returned to it, and dewarping takes 30 % more processor time.
+    Other C libraries are unaffected.
     """
     mmap_threshold, trim_threshold = -3, -1  # constants of malloc.h
     with suppress(OSError, AttributeError, TypeError):

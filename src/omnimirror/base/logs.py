@@ -1,7 +1,7 @@
 """Messages of the loggers ``omnimirror.*``.
 
 Modules report the steps of long functions with the level INFO on ``logging.getLogger(__name__)``,
-and problems that the user should know with the level WARNING, which Python prints by default.
+and problems that affect results with the level WARNING, which Python prints by default.
 """
 
 from __future__ import annotations

@@ -39,8 +39,7 @@ def matrix_product(rows: NDArray[Any], matrix: NDArray[Any]) -> NDArray[Any]:
 
 
 # -- Bracketed root finding ------------------------------------------------------------------------
-#
-# discontinuous.
+# Bracketing converges also for functions that are NaN in places or discontinuous.
 
 NEWTON_TOLERANCE = 1e-9  # relative Newton step whose error is about its square
 BISECTION_TOLERANCE = 4 * np.finfo(float).eps
@@ -91,8 +90,7 @@ def sign_change(function: Callable[[float], float], low: float, high: float, xto
     """Return the position between ``low`` and ``high`` at which a function changes its sign.
 
     Unlike SciPy's ``brentq`` it accepts NaN, which counts as non-negative, and SciPy is not imported
-    [1]_. If rounding hides the
-    change of sign, the end with the smaller absolute value is returned.
+    [1]_. If rounding hides the change of sign, the end with the smaller absolute value is returned.
 
     .. [1] T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a
        nonlinear function without using derivatives, Adv. Eng. Softw. 28 (1997).

@@ -20,8 +20,7 @@ from .quantities import QUANTITIES
 from .typing import Array
 
 # -- Notebook cards --------------------------------------------------------------------------------
-#
-# themes.
+# HTML tables and SVG drawings with the colours of light and dark notebook themes.
 
 Rows = Mapping[str, str]
 

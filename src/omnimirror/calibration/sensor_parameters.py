@@ -312,8 +312,6 @@ def checked_priors(
 
 # -- Projection of points and its derivatives ------------------------------------------------------
 #
-# parameters.
-#
 # The chain is: mirror shape, reflection, tube or dome, lens and imager.
 
 # -- Mirror profile --------------------------------------------------------------------------------

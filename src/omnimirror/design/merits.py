@@ -139,9 +139,6 @@ def price(parts: tuple[Component, ...]) -> float | None:
 
 
 # -- Values and merits -----------------------------------------------------------------------------
-#
-# A merit is the largest of many smooth rows, such as the blur at each angle, which a sequence of
-# linear programmes can minimise; or their mean. Smaller values are better.
 
 Array = NDArray[Any]
 

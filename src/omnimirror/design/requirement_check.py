@@ -238,8 +238,6 @@ def _first_radius_px(sensor: Sensor) -> float:
 
 
 # -- Requirements and their margins ----------------------------------------------------------------
-#
-# The same check determines the temperature range in which a sensor meets all requirements.
 
 ROUNDING = 1e-6  # relative tolerance of margins
 EDGE_PX = 0.02  # tolerance at the edge of the outermost pixel

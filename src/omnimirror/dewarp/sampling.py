@@ -74,7 +74,7 @@ of a mosaic.
 
 @dataclass(frozen=True)
 class Rule:
-    """DtypeConversion of the side of a footprint to a number of samples."""
+    """Conversion of the side of a footprint to a number of samples."""
 
     single_px: float
     """Maximum side with a single sample."""

@@ -234,10 +234,6 @@ def _pixels_along_the_edge(size: tuple[int, int]) -> Array:
 
 
 # -- Viewpoint of a screen -------------------------------------------------------------------------
-#
-# A mirror has a different viewpoint for every point. The virtual projector of the paper has a single
-# viewpoint V0 instead (section 4.2): exact for distant objects, with errors of a few pixels for
-# nearby objects.
 
 Viewpoint: TypeAlias = float | Literal["exact", "single"]
 

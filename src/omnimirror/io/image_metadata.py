@@ -21,8 +21,6 @@ from ..base.files import decompress
 
 # -- EXIF ------------------------------------------------------------------------------------------
 #
-# orientation of the stored pixels.
-#
 # An EXIF block is a TIFF file without pixels: a directory of tags, and two more, for exposure and GPS
 # position. Entries on the stored pixels (orientation, size, thumbnail, resolution), on positions in
 # the image, and entries that cannot be relocated (maker notes with their own offsets) are dropped.
@@ -286,9 +284,6 @@ def _found(block: bytes) -> tuple[int, int, str]:
 
 
 # -- XMP packets, colour profile and orientation in image files ------------------------------------
-#
-# The pixels are unchanged: metadata is added to the output of any encoder, at the position that the
-# standard of each format defines.
 
 XMP_JPEG_NAME = b"http://ns.adobe.com/xap/1.0/\0"
 XMP_PNG_NAME = b"XML:com.adobe.xmp"

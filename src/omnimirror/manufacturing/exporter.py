@@ -44,6 +44,8 @@ from .formats.zmx import write_zmx
 from .workshop import Workshop
 
 LOGGER = logging.getLogger(__name__)
+DRAWING_SUFFIXES = (".pdf", ".svg", ".png", ".dxf")
+"""Suffixes of files with dimensions and tolerances."""
 SECONDARY_MARK, MIRROR_MARK = "-secondary", "-mirror"  # suffixes of file names
 ACCURATE_RAY_DEG = 0.01  # maximum ray deviation of an accurate lens file
 
@@ -359,12 +361,12 @@ def missing_packages(names: Iterable[str]) -> dict[str, list[str]]:
 
 def _check_packages(names: list[str]) -> None:
     """Raise an error if a format requires a package that is not installed."""
-    lacking = missing_packages(names)
-    missing = sorted({package for packages in lacking.values() for package in packages})
+    packages_of = missing_packages(names)
+    missing = sorted({package for packages in packages_of.values() for package in packages})
     if not missing:
         return
-    without = [name for name, packages in lacking.items() if packages]
-    others = [name for name, packages in lacking.items() if not packages]
+    without = [name for name, packages in packages_of.items() if packages]
+    others = [name for name, packages in packages_of.items() if not packages]
     rest = f", or select {', '.join(others)}" if others else ""
     raise OmnimirrorError(
         f"{', '.join(without)} require{'s' * (len(without) == 1)} {', '.join(missing)}: "

@@ -403,14 +403,14 @@ def _secondary(data: dict[str, Any], folder: Path | None, where: SourceLocator) 
     """Create the second mirror: its table has the entries of its kind and of its position."""
     cls, table = _class_and_table("secondary", data, SECONDARIES, folder, where)
     mirror = plain_values(cls, {k: v for k, v in table.items() if k not in Secondary.PARAMETERS})
-    place = plain_values(Secondary, {k: v for k, v in table.items() if k in Secondary.PARAMETERS})
-    if mirror is None or place is None:
+    pose = plain_values(Secondary, {k: v for k, v in table.items() if k in Secondary.PARAMETERS})
+    if mirror is None or pose is None:
         from ..base.table_models import validated
         from .sensor_tables import secondary_model
 
         values = _tuples(validated(secondary_model(cls), "secondary", table, where).model_dump())
     else:
-        values = {**mirror, **place}
+        values = {**mirror, **pose}
     position = {name: values.pop(name) for name in Secondary.PARAMETERS}
     return where.wrap(("secondary",), lambda: Secondary(cls(**values), **position))
 

@@ -31,10 +31,10 @@ CURRENT_DESIGN = "window.omnimirror.tabs.design.history.now"
 CANCEL_AT_FIRST_STEP = """
 new MutationObserver((_, observer) => {
   const words = [...document.querySelectorAll("#design .words")].map((e) => e.textContent);
-  const said = words.find((t) => / step \\d/.test(t));
-  if (!said) return;
+  const current = words.find((t) => / step \\d/.test(t));
+  if (!current) return;
   observer.disconnect();
-  window.seen = said;
+  window.seen = current;
   [...document.querySelectorAll("#design button")].find((b) => b.textContent === "Cancel").click();
 }).observe(document.querySelector("#design"), { subtree: true, childList: true, characterData: true });
 """  # messages of a step last a few milliseconds only, so the click is made by a page script

@@ -131,9 +131,9 @@ def test_zero_difference_is_labelled_and_centred(bench):  # noqa: F811
 
 
 OVERLAPPED_PLOTS = """() => {
-  const said = document.querySelector("#said").getBoundingClientRect();
+  const notice = document.querySelector("#notice").getBoundingClientRect();
   const meets = ({ left, right, top, bottom, width }) =>
-    width && left < said.right && said.left < right && top < said.bottom && said.top < bottom;
+    width && left < notice.right && notice.left < right && top < notice.bottom && notice.top < bottom;
   const plots = [...document.querySelectorAll("#design .plot")];
   return plots.filter((plot) => meets(plot.getBoundingClientRect())).map((plot) => plot.innerText);
 }"""
@@ -147,7 +147,7 @@ def test_search_result_is_compared_with_previous_design_without_overlap(bench): 
     bench.get_by_label("Coefficients", exact=True).fill("3")
     bench.get_by_label("Number of starts").fill("1")
     bench.get_by_role("button", name="Optimise").click()
-    bench.locator("#said", has_text="the previous design is pinned").wait_for()
+    bench.locator("#notice", has_text="the previous design is pinned").wait_for()
     for width in (900, 1280, 2560):
         bench.set_viewport_size({"width": width, "height": 800})
         assert bench.evaluate(OVERLAPPED_PLOTS) == []

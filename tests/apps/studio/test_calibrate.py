@@ -73,7 +73,7 @@ def messages(client, board_detections) -> list[dict]:
         for detection in board_detections:
             socket.send_text(detection.model_dump_json())
         replies = [json.loads(socket.receive_text())]
-        while replies[-1]["state"] not in ("reported", "failed"):
+        while replies[-1]["state"] not in ("report", "failed"):
             replies.append(json.loads(socket.receive_text()))
     return replies
 
@@ -244,7 +244,7 @@ def test_invalid_corners_are_rejected(changes, client, board_detections):
 
 
 def test_calibration_reports_progress_and_camera(messages, board_detections):
-    assert [n["state"] for n in messages[-2:]] == ["done", "reported"]
+    assert [n["state"] for n in messages[-2:]] == ["done", "report"]
     shares = [n["fraction"] for n in messages[:-1]]
     assert all(n["state"] == "running" and n["message"] for n in messages[:-2])
     assert shares == sorted(shares)
@@ -341,7 +341,7 @@ def test_stopped_calibration_keeps_result(board_detections):
     *_, result_message, report_message = calibration_messages(
         CALIBRATION_REQUEST, board_detections, 2
     )
-    assert (result_message.state, report_message.state) == ("done", "reported")
+    assert (result_message.state, report_message.state) == ("done", "report")
     assert not result_message.result.is_complete
     assert "stopped early" in result_message.result.notes[0]
     assert (

@@ -18,7 +18,7 @@ import omnimirror as om
 from omnimirror.apps.cli import app
 from omnimirror.apps.studio import _export_process, _workers
 from omnimirror.apps.studio._export_form import InvalidEntry, export_start
-from omnimirror.apps.studio._export_process import exported
+from omnimirror.apps.studio._export_process import export_files
 from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.bench_messages import ExportTask
 from omnimirror.manufacturing import FORMATS, exporter
@@ -93,7 +93,7 @@ def test_exported_files_match_command_line(sensor, tmp_path):
         "limit": 3.0,
     }
     request = task(sensor, *names, is_archive=True, workshop=WORKSHOP, tolerances=tolerances)
-    files = unpacked(exported(request, lambda message, fraction: None).file.data)
+    files = unpacked(export_files(request, lambda message, fraction: None).file.data)
     (tmp_path / "tolerances.toml").write_text(tomli_w.dumps({"error": errors}))
     (tmp_path / "workshop.toml").write_text(tomli_w.dumps(WORKSHOP))
     folder = tmp_path / "export"
@@ -111,7 +111,7 @@ def test_exported_files_match_command_line(sensor, tmp_path):
 def test_tolerance_report_matches_command_line(tmp_path, monkeypatch):
     """Report of the tolerances of the medium grade, the template of the command line."""
     monkeypatch.setattr(_export_process, "TRIALS", 200)
-    result = exported(task("paper-spherical", "tolerances"), lambda message, fraction: None)
+    result = export_files(task("paper-spherical", "tolerances"), lambda message, fraction: None)
     text = tolerance_template(om.load_sensor("paper-spherical"))
     (tmp_path / "tolerances.toml").write_text(text)
     run_command(
@@ -125,13 +125,13 @@ def test_tolerance_report_matches_command_line(tmp_path, monkeypatch):
 def test_requirements_are_part_of_the_archive():
     requirements = {"field": {"omega_max_deg": 130.0}}
     request = task("paper-spherical", "requirements", "sensor", requirements=requirements)
-    files = unpacked(exported(request, lambda message, fraction: None).file.data)
+    files = unpacked(export_files(request, lambda message, fraction: None).file.data)
     text = files["paper-spherical-requirements.toml"].decode()
     assert tomllib.loads(text)["field"] == requirements["field"]
     saved = parse_sensor(files["paper-spherical.toml"].decode())
     assert saved == om.load_sensor("paper-spherical")
     with pytest.raises(om.OmnimirrorError, match="the design has no requirements"):
-        exported(task("paper-spherical", "requirements"), lambda message, fraction: None)
+        export_files(task("paper-spherical", "requirements"), lambda message, fraction: None)
 
 
 def test_progress_precedes_the_file():
@@ -148,7 +148,7 @@ def test_progress_precedes_the_file():
     assert fractions == sorted(fractions)
     assert len(fractions) == 4
     assert (messages[-1]["state"], messages[-1]["name"]) == ("done", "paper-spherical.zip")
-    assert "The drawing lacks: drawing number" in messages[-1]["remarks"][0]
+    assert "Missing entries of the drawing: drawing number" in messages[-1]["remarks"][0]
     assert set(unpacked(data)) == {
         "README.txt",
         "paper-spherical-sag.csv",
@@ -188,7 +188,7 @@ def test_closed_connection_terminates_the_export(monkeypatch):
 )
 def test_error_of_workshop_data_contains_entry(section, entry, value, message):
     with pytest.raises(InvalidEntry, match=message) as caught:
-        exported(task(workshop={section: {entry: value}}), lambda message, fraction: None)
+        export_files(task(workshop={section: {entry: value}}), lambda message, fraction: None)
     assert caught.value.entry == (section, entry)
 
 
@@ -200,7 +200,7 @@ def test_missing_packages_are_reported_with_remedy(monkeypatch):
     assert start.remedy is not None
     assert "omnimirror[cad]" in start.remedy or "pip install" in start.remedy
     with pytest.raises(om.OmnimirrorError, match="step requires OCP"):
-        exported(task("paper-spherical", "step"), lambda message, fraction: None)
+        export_files(task("paper-spherical", "step"), lambda message, fraction: None)
 
 
 def test_form_contains_all_entries_of_workshop_files():
@@ -210,4 +210,4 @@ def test_form_contains_all_entries_of_workshop_files():
     assert (entries["form_um"].unit, entries["form_um"].low) == ("um", 1e-4)
     assert entries["material"].max_length == 26
     filled = {name: entry.default for name, entry in entries.items()}
-    assert exported(task(workshop={"mirror": filled}), lambda message, fraction: None).file.data
+    assert export_files(task(workshop={"mirror": filled}), lambda message, fraction: None).file.data

@@ -33,11 +33,11 @@ def test_files_are_exported_individually_and_as_archive(bench, tmp_path):  # noq
         "paper-spherical-sag.csv",
         "paper-spherical.zmx",
     ]
-    lacking = re.search("The drawing lacks: (.*)", readme)
-    assert lacking is not None
-    assert "material" not in lacking[1]
-    assert "drawing number" not in lacking[1]
-    dialog.get_by_text("The drawing lacks").wait_for()
+    missing = re.search("Missing entries of the drawing: (.*)", readme)
+    assert missing is not None
+    assert "material" not in missing[1]
+    assert "drawing number" not in missing[1]
+    dialog.get_by_text("Missing entries of the drawing").wait_for()
 
 
 def test_export_is_cancelled_and_errors_are_next_to_their_field(bench):  # noqa: F811

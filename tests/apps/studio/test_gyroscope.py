@@ -99,7 +99,7 @@ def test_unavailable_orientation_is_explained(script, reason, phone):
     assert button.get_attribute("aria-disabled") == "true"
     assert reason in button.get_attribute("title")
     button.click(force=True)
-    page.locator("#said.shown").filter(has_text=reason).wait_for()
+    page.locator("#notice.shown").filter(has_text=reason).wait_for()
     assert button.get_attribute("aria-pressed") == "false"
 
 

@@ -34,7 +34,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 import omnimirror as om
-from omnimirror.apps.studio import _look_routes, _server_state, _uploads
+from omnimirror.apps.studio import _bench_files, _look_routes, _server_state, _uploads
 from omnimirror.apps.studio._bench_files import coarser, sensor_report
 from omnimirror.apps.studio._bench_sensors import sensor_on_bench
 from omnimirror.apps.studio._search_process import perform
@@ -648,7 +648,7 @@ def test_cancelled_waiting_client_keeps_no_slot():
         order: list[str] = []
 
         async def hold(name: str) -> None:
-            async with slots.held(name):
+            async with slots.slot(name):
                 order.append(name)
                 await asyncio.sleep(0.01)
 
@@ -694,9 +694,10 @@ def test_full_disk_is_reported(client, monkeypatch):
     def full(*args, **kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(_uploads.tempfile, "TemporaryDirectory", full)
-    tiff = cv2.imencode(".tif", np.zeros((4, 4, 3), np.uint16))[1].tobytes()
-    answer = client.post("/api/convert", content=tiff)
+    monkeypatch.setattr(_bench_files.tempfile, "TemporaryDirectory", full)
+    tables = tables_of(om.load_sensor("paper-spherical"))
+    request = {"tables": tables, "kind": "table", "object_distance_mm": None}
+    answer = client.post("/api/bench/file", json=request)
     assert answer.status_code == 507
     assert (
         answer.json()["detail"]

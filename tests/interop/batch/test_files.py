@@ -16,7 +16,7 @@ import pytest
 import omnimirror as om
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.interop.batch import manifest as manifest_module
-from omnimirror.interop.batch.blocks import balanced
+from omnimirror.interop.batch.blocks import balance_blocks
 from omnimirror.interop.batch.job import parse_job
 from tests.commands import fails, omnimirror
 from tests.interop.batch.archives import (
@@ -182,7 +182,7 @@ def test_parts_are_disjoint_and_complete(tmp_path):
 def test_blocks_decrease_so_that_workers_end_together(tmp_path, workers):
     write_archive(tmp_path, 100)
     planned, _, _ = om.batch.plan(job_of(tmp_path)).blocks()
-    blocks = list(balanced(planned, workers))
+    blocks = list(balance_blocks(planned, workers))
     items = [item for block in blocks for item in block.items]
     assert items == [item for block in planned for item in block.items]
     assert [block.number for block in blocks] == list(range(len(blocks)))

@@ -107,7 +107,7 @@ export class Calibrate {
     this.run = new RunPanel(runs, {
       request: () => this.calibrationRequest(),
       result: (result) => this.calibrated(result),
-      reported: (report) => this.reported(report),
+      onReport: (report) => this.showReport(report),
     });
     this.invitation = this.invite();
     this.commandRow = h(
@@ -319,7 +319,7 @@ export class Calibrate {
     this.results.scrollIntoView({ block: "start" });
   }
 
-  private reported(report: string): void {
+  private showReport(report: string): void {
     this.report = report;
     this.show();
     this.keep();
@@ -448,7 +448,8 @@ export class Calibrate {
   }
 
   private fail(e: unknown): void {
-    if (api.isUserError(e)) this.host.banner(e.message, e.name === "Away" ? "server" : "calibrate");
+    if (api.isUserError(e))
+      this.host.banner(e.message, e.name === "ServerUnavailable" ? "server" : "calibrate");
     else reportError(e);
   }
 }

@@ -127,7 +127,8 @@ export class Bench {
     });
     this.evaluator = supply.evaluator(
       (evaluations) => this.onEvaluation(evaluations),
-      (isAway) => host.banner(isAway && host.isShown() ? SERVER_UNAVAILABLE : null, "server"),
+      (isUnavailable) =>
+        host.banner(isUnavailable && host.isShown() ? SERVER_UNAVAILABLE : null, "server"),
     );
     host.beforeLeaving(() => this.settle()); // commit an edited number field whose change event has not fired yet
     bindKeys({

@@ -62,7 +62,7 @@ export async function download(request: FileRequest): Promise<{ blob: Blob; name
 /** Create the evaluator of designs. */
 export const evaluator = (
   onEvaluation: (result: Evaluation) => void,
-  onAvailability: (isAway: boolean) => void,
+  onAvailability: (isUnavailable: boolean) => void,
 ): EvaluationSocket | LocalEvaluationQueue =>
   localEvaluator
     ? new LocalEvaluationQueue(localEvaluator, onEvaluation)

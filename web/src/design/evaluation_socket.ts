@@ -23,11 +23,11 @@ export class EvaluationSocket {
   private activeRequest: ActiveRequest | null = null;
   private retry = RETRY_MS;
   private number = 0;
-  private isAway = false;
+  private isUnavailable = false;
 
   constructor(
     private readonly onEvaluation: (result: Evaluation) => void,
-    private readonly onAvailability: (isAway: boolean) => void,
+    private readonly onAvailability: (isUnavailable: boolean) => void,
   ) {
     this.connect();
   }
@@ -47,7 +47,7 @@ export class EvaluationSocket {
     const socket = new WebSocket(socketAddress("api/bench/ask"));
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
-      this.tell(false);
+      this.report(false);
       this.next();
     };
     socket.onmessage = (e: MessageEvent<ArrayBuffer>) => {
@@ -59,7 +59,7 @@ export class EvaluationSocket {
     };
     socket.onclose = (e) => {
       const isRefused = this.unanswered(e);
-      this.tell(!isRefused);
+      this.report(!isRefused);
       setTimeout(() => this.connect(), isRefused ? 0 : this.retry);
       this.retry = Math.min(2 * this.retry, MAX_RETRY_MS);
     };
@@ -79,9 +79,9 @@ export class EvaluationSocket {
     return isRefused;
   }
 
-  private tell(isAway: boolean): void {
-    if (isAway !== this.isAway) this.onAvailability(isAway);
-    this.isAway = isAway;
+  private report(isUnavailable: boolean): void {
+    if (isUnavailable !== this.isUnavailable) this.onAvailability(isUnavailable);
+    this.isUnavailable = isUnavailable;
   }
 
   private next(): void {

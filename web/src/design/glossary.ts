@@ -26,7 +26,7 @@ const TERMS: [term: string, meaning: string][] = [
   ["Maximum blur", "largest tangential or sagittal blur over the field, from geometrical optics"],
   [
     "Total blur",
-    "the same with the diffraction of the lens: root of the sum of squares of blur and Airy disc; therefore slightly larger than the maximum blur",
+    "root of the sum of the squares of geometrical blur and Airy disc; therefore larger than the maximum blur",
   ],
   [
     "Number of starts",

@@ -38,17 +38,17 @@ import { SERVER_UNAVAILABLE } from "./texts";
 
 /** Request rejected by the server, with its message. */
 export class RequestRejected extends Error {
-  override readonly name = "Refused";
+  override readonly name = "RequestRejected";
 }
 
 /** The server does not respond. */
 export class ServerUnavailable extends Error {
-  override readonly name = "Away";
+  override readonly name = "ServerUnavailable";
 }
 
 /** Return true if an error has a message for users. The name is compared, because each script has its own classes. */
 export const isUserError = (e: unknown): e is Error =>
-  e instanceof Error && (e.name === "Refused" || e.name === "Away");
+  e instanceof Error && (e.name === "RequestRejected" || e.name === "ServerUnavailable");
 
 /** Whether images are shown as stored (--set input.stored_orientation=true), without the rotation that browsers apply. */
 export const storedOrientation =
@@ -56,7 +56,7 @@ export const storedOrientation =
 
 // -- common requests ------------------------------------------------------------------------------
 
-export const isThere = async (): Promise<boolean> =>
+export const isServerAvailable = async (): Promise<boolean> =>
   ask("health").then(
     () => true,
     () => false,
@@ -279,12 +279,12 @@ export class ServerTask<TaskStatus> {
     return this.socket !== null;
   }
 
-  /** Send requests and receive messages until the end; `cutOff` is called if the connection fails, and `onFile` for bytes. */
+  /** Send requests and receive messages until the end; `onInterruption` is called if the connection fails, and `onFile` for bytes. */
   begin(
     path: string,
     request: unknown[],
-    onStatus: (news: TaskStatus) => void,
-    cutOff: () => void,
+    onStatus: (status: TaskStatus) => void,
+    onInterruption: () => void,
     onFile: (file: Blob) => void = () => undefined,
   ): void {
     this.end();
@@ -292,7 +292,7 @@ export class ServerTask<TaskStatus> {
     socket.onopen = () => request.forEach((message) => socket.send(JSON.stringify(message)));
     socket.onmessage = ({ data }: MessageEvent<string | Blob>) =>
       typeof data === "string" ? onStatus(JSON.parse(data) as TaskStatus) : onFile(data);
-    socket.onclose = () => this.socket === socket && cutOff();
+    socket.onclose = () => this.socket === socket && onInterruption();
   }
 
   /** Send a message to the task. */

@@ -201,7 +201,7 @@ export interface CalibrationResult {
 
 /** Progress of a calibration: status, estimated camera, report, or error. */
 export interface CalibrationStatus {
-  state: "waiting" | "running" | "done" | "reported" | "failed";
+  state: "waiting" | "running" | "done" | "report" | "failed";
   message: string;
   fraction: number | null;
   result: CalibrationResult | null;

@@ -7,7 +7,7 @@ let fading = 0;
 
 /** Display a temporary message. */
 export function say(message: string): void {
-  const status = byId("said");
+  const status = byId("notice");
   status.textContent = message;
   status.classList.add("shown");
   clearTimeout(fading);
@@ -79,7 +79,7 @@ export async function copy(text: string, what: string, more = ""): Promise<void>
 export function report(e: unknown, about: Subject = "failure"): void {
   if (e instanceof Error && e.name === "AbortError") return; // cancelled by the caller
   if (!isUserError(e)) return banner(INTERNAL_ERROR, "failure");
-  if (e.name === "Away") return banner(e.message, "server"); // removed when the server is back
+  if (e.name === "ServerUnavailable") return banner(e.message, "server"); // removed when the server is back
   banner(e.message, about);
   setTimeout(() => upright.get(about) === e.message && banner(null, about), ERROR_MS);
 }

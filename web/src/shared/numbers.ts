@@ -24,3 +24,9 @@ function plain(value: number, digits: number): string {
   const places = clamp(digits - 1 - Math.floor(Math.log10(Math.abs(value))), 0, 8);
   return value.toFixed(places);
 }
+
+/** Return the smallest number of the series 1, 2, 5, 10, ... that is not below a positive value. */
+export function roundUp(value: number): number {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [1, 2, 5, 10].map((k) => Number((k * power).toPrecision(1))).find((x) => x >= value)!;
+}

@@ -102,7 +102,7 @@ def requirement_file(tables: dict[str, Any], sensor: Sensor) -> str:
 # -- download --------------------------------------------------------------------------------------
 
 
-def downloaded(requested: FileRequest) -> File:
+def design_file(requested: FileRequest) -> File:
     """Create a small file of a design, as written by ``omnimirror evaluate``.
 
     Raises
@@ -157,11 +157,11 @@ def sensor_report(sensor: Sensor, on_progress: Callable[[str, float], None]) -> 
     return File(f"{stem_of(sensor)}-report.html", "text/html", data)
 
 
-def check_axial(sensor: Sensor, what: str) -> None:
+def check_axial(sensor: Sensor, content: str) -> None:
     """Reject a misaligned sensor for files of quantities that are valid in any meridian."""
     if not sensor.is_axial:
         raise InvalidParameter(
-            f"{what} requires an aligned mirror and cover; got a decentred or tilted one; align it first"
+            f"{content} requires an aligned mirror and cover; got a decentred or tilted one; align it first"
         )
 
 

@@ -12,7 +12,7 @@ from ...base.errors import OmnimirrorError
 from ...base.escaping import http_attachment
 from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
 from ...optics.sensor_files import bundled_sensors, load_sensor
-from ._bench_files import downloaded, opened, requirement_file, taken
+from ._bench_files import design_file, opened, requirement_file, taken
 from ._bench_requirements import slider_violations
 from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
 from ._http_messages import BYTES, FILE_BODY, FileName
@@ -98,7 +98,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/bench/file", response_class=Response, responses={200: BYTES})
     def file(requested: FileRequest) -> Response:
         """Return a small file of a design: sensor file or evaluation."""
-        content = downloaded(requested)
+        content = design_file(requested)
         headers = {"content-disposition": http_attachment(content.name)}
         return Response(content.data, media_type=content.kind, headers=headers)
 
@@ -118,7 +118,7 @@ def _add_files(app: FastAPI, studio: Studio) -> None:
     async def rendered_image(message: RenderRequest) -> Response:
         """Return the rendered image of a room and its panorama: two JPEG files after a header with
         their lengths."""
-        images = await studio.simulated.run(message.model_dump_json(), lambda: taken(message))
+        images = await studio.simulations.run(message.model_dump_json(), lambda: taken(message))
         return Response(images, media_type="application/octet-stream")
 
 

@@ -74,7 +74,7 @@ def perform(
         )
         on_progress(
             CalibrationStatus(
-                state="reported",
+                state="report",
                 message="Report complete.",
                 report=_report(calibration, message.command),
             )

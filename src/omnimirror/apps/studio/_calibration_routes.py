@@ -81,7 +81,7 @@ def _add_straight(app: FastAPI, studio: Studio) -> None:
         from ._calibration_boards import render_board_view  # deferred import: requires the dewarper
 
         message, data = unframed(await uploaded_file(request), BoardViewRequest)
-        board_view = await studio.unpacked.run(request, lambda: render_board_view(message, data))
+        board_view = await studio.conversions.run(request, lambda: render_board_view(message, data))
         return Response(board_view, media_type="image/jpeg")
 
 

@@ -33,7 +33,7 @@ DOCUMENTS = {
     "report": "Sensor report (HTML)",
 }
 """Files in addition to the formats of ``omnimirror export``."""
-SENT_TO_MANUFACTURERS = (*DEFAULT_FORMATS, "tolerances", "requirements", "sensor")
+MANUFACTURING_FILES = (*DEFAULT_FORMATS, "tolerances", "requirements", "sensor")
 SECTIONS = {"title": "Title block", "mirror": "Mirror", "secondary": "Second mirror"}
 LABELS = {
     "number": "Drawing number",
@@ -74,15 +74,15 @@ class InvalidEntry(InvalidParameter):
 
 def export_start() -> ExportStart:
     """Return all formats with their missing packages, and the entries of the workshop data."""
-    lacking = missing_packages(tuple(FORMATS))
+    missing = missing_packages(tuple(FORMATS))
     formats = {name: TITLES.get(name, name.upper()) for name in (*TITLES, *FORMATS)}
     return ExportStart(
         formats=tuple(
             ExportableFile(
                 name=name,
                 title=title,
-                is_for_manufacturing=name in SENT_TO_MANUFACTURERS,
-                missing=tuple(lacking.get(name, ())),
+                is_for_manufacturing=name in MANUFACTURING_FILES,
+                missing=tuple(missing.get(name, ())),
             )
             for name, title in {**formats, **DOCUMENTS}.items()
         ),
@@ -90,7 +90,7 @@ def export_start() -> ExportStart:
             WorkshopSection(name=name, title=SECTIONS[name], entries=_entries(kind))
             for name, kind in TABLES.items()
         ),
-        remedy=extra_remedy("cad") if any(lacking.values()) else None,
+        remedy=extra_remedy("cad") if any(missing.values()) else None,
     )
 
 

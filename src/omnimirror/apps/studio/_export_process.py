@@ -17,7 +17,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 from ... import __version__
 from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.logs import combine_steps
-from ...manufacturing.exporter import FORMATS, ExportedFile, export
+from ...manufacturing.exporter import DRAWING_SUFFIXES, FORMATS, ExportedFile, export
 from ...manufacturing.tolerancing.tolerance_file import (
     TolerancePlan,
     parse_tolerances,
@@ -35,7 +35,6 @@ from .bench_messages import ExportStatus, ExportTask, distance_of
 TRIALS = 10_000
 """Number of trials of the tolerance report, the default of ``omnimirror tolerance``."""
 MIN_FRACTION_STEP = 0.01  # smaller progress is not reported
-DRAWN = (".pdf", ".svg", ".png", ".dxf")
 OnProgress = Callable[[str, float], None]
 
 
@@ -47,7 +46,7 @@ class ExportResult:
     remarks: tuple[str, ...]
 
 
-def exported(task: ExportTask, on_progress: OnProgress) -> ExportResult:
+def export_files(task: ExportTask, on_progress: OnProgress) -> ExportResult:
     """Export the requested files; several files and requested archives become a ZIP archive.
 
     Raises
@@ -152,11 +151,11 @@ def _remarks(sensor: Sensor, workshop: Workshop, written: list[ExportedFile]) ->
     from ...manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
 
     remarks = []
-    if any(file.path.suffix.lower() in DRAWN for file in written):
+    if any(file.path.suffix.lower() in DRAWING_SUFFIXES for file in written):
         parts = ("mirror",) if sensor.secondary is None else ("mirror", "secondary")
         if missing := workshop.missing(parts):
             labels = ", ".join(_label(name) for name in missing)
-            remarks.append(f"The drawing lacks: {labels}.")
+            remarks.append(f"Missing entries of the drawing: {labels}.")
         remarks += [
             f"Inconsistent tolerances: {text}." for text in tolerance_conflicts(sensor, workshop)
         ]
@@ -213,7 +212,7 @@ def perform(task: ExportTask, on_status: Callable[[ExportStatus], None]) -> byte
             on_status(_status("running", message, fraction))
 
     try:
-        result = exported(task, on_progress)
+        result = export_files(task, on_progress)
     except OmnimirrorError as e:
         entry = e.entry if isinstance(e, InvalidEntry) else None
         on_status(_status("failed", str(e), entry=entry))

@@ -114,7 +114,7 @@ def restore_image(
     )
     distance = np.inf if message.object_distance_mm is None else message.object_distance_mm
     restorer = Restorer.of_exposure(sensor, exposure_of(metadata.exif), distance)
-    restored, report = restorer.reported(eight_bits(pixels))
+    restored, report = restorer.restore_and_describe(eight_bits(pixels))
     return encoded(restored, ".png"), report
 
 
@@ -216,7 +216,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     async def room(id: str) -> Response:
         """Return the rendered image of a room by a camera."""
         named_camera = _known(studio.cameras, id)
-        return _png(await studio.simulated.run(named_camera, lambda: render_room(named_camera)))
+        return _png(await studio.simulations.run(named_camera, lambda: render_room(named_camera)))
 
     @app.get("/api/image", response_class=Response, responses={200: PNG})
     async def source_image(id: str) -> Response:
@@ -229,7 +229,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
             raise HTTPException(404, f"{source.name} must be an image; got a {source.kind} source")
         path = Path(source.place)
         return _png(
-            await studio.unpacked.run(
+            await studio.conversions.run(
                 path, lambda: read_as_png(path, studio.stored_orientation, studio.on_note)
             )
         )
@@ -248,7 +248,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         size.
         """
         data = await uploaded_file(request)
-        png, (width, height) = await studio.unpacked.run(
+        png, (width, height) = await studio.conversions.run(
             request,
             lambda: browser_image(
                 data, safe_name(name), stored_orientation=is_stored, max_side_px=max_side
@@ -278,7 +278,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         message, image = unframed(await uploaded_file(request), LevelRequest)
         _known(studio.cameras, message.id)
         camera = studio.cameras.with_circle(message)
-        return await studio.unpacked.run(request, lambda: estimate_tilt(camera, message, image))
+        return await studio.conversions.run(request, lambda: estimate_tilt(camera, message, image))
 
     @app.post(
         "/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
@@ -288,7 +288,7 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         message, image = unframed(await uploaded_file(request), RestoreRequest)
         _known(studio.cameras, message.id)
         sensor = studio.cameras.fitted(message)
-        data, report = await studio.restored.run(
+        data, report = await studio.restorations.run(
             request, lambda: restore_image(sensor, message, image, is_stored)
         )
         return Response(data, media_type="image/png", headers={NOTE: report})

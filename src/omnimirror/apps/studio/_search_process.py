@@ -34,7 +34,7 @@ def perform(task: SearchTask, on_progress: OnProgress) -> None:
         sensor = sensor_on_bench(task.tables)
         (_optimise if task.kind == "optimise" else _design)(task, sensor, on_progress)
     except OmnimirrorError as e:
-        on_progress(_news("failed", str(e)))
+        on_progress(_status("failed", str(e)))
 
 
 def optimisable(sensor: Sensor, task: SearchTask) -> Requirements:
@@ -78,7 +78,7 @@ def _optimise(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None
         nonlocal steps
         steps += 1
         description = f"start {progress.run + 1} of {progress.runs}, step {steps}"
-        on_progress(_news("running", description, progress.run / progress.runs, progress.value))
+        on_progress(_status("running", description, progress.run / progress.runs, progress.value))
 
     solution = design_sensor(
         optimisable(sensor, task), search=SearchOptions(starts=task.starts, on_iteration=on_run)
@@ -89,7 +89,7 @@ def _optimise(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None
             f"{solution.notes[0]}; missed: {missed}" if missed else solution.notes[0]
         )
     optimum = replace(solution.sensor, imager=sensor.imager, housing=sensor.housing)
-    on_progress(_news("done", optimum.notes, 1.0, solution.optimum.value, optimum))
+    on_progress(_status("done", optimum.notes, 1.0, solution.optimum.value, optimum))
 
 
 def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
@@ -101,11 +101,13 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
             "requirements; add [mirror] to the requirement file"
         )
     requested = requirements_for(task.requirements, aligned_sensor(sensor))
-    with forward_steps(lambda step: on_progress(_news("running", step)), "omnimirror.design"):
+    with forward_steps(lambda step: on_progress(_status("running", step)), "omnimirror.design"):
         solution = design_sensor(
             requested,
             on_design=lambda design: on_progress(
-                _news("running", "relaxations", sensor=design.sensor if not design.is_met else None)
+                _status(
+                    "running", "relaxations", sensor=design.sensor if not design.is_met else None
+                )
             ),
         )
     missed = [row.label for row in solution.rows if not row.is_met]
@@ -113,10 +115,10 @@ def _design(task: SearchTask, sensor: Sensor, on_progress: OnProgress) -> None:
         f"Requirements not met: {', '.join(missed)}." if missed else "All requirements are met."
     )
     relaxations = relaxation_options(task.requirements, requested, solution.conflict)
-    on_progress(_news("done", message, 1.0, None, solution.sensor, relaxations))
+    on_progress(_status("done", message, 1.0, None, solution.sensor, relaxations))
 
 
-def _news(
+def _status(
     state: str,
     message: str,
     fraction: float | None = None,

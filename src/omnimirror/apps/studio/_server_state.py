@@ -295,5 +295,5 @@ class Studio:
         self.streams = Streams(self.stored_orientation, self.on_note)
         self.board_detectors = BoardDetectorPool()
         self.outline_searches = OutlineSearches()
-        self.simulated, self.unpacked, self.restored = JobQueue(), JobQueue(), JobQueue()
+        self.simulations, self.conversions, self.restorations = JobQueue(), JobQueue(), JobQueue()
         self.built, self.toleranced, self.slider_violations = JobQueue(), JobQueue(), JobQueue()

@@ -73,12 +73,12 @@ class Workers:
         Module to run.
     max_workers
         Maximum number of simultaneous processes.
-    what
+    tasks
         Plural noun for their tasks, used in messages.
     """
 
-    def __init__(self, module: str, max_workers: int, what: str) -> None:
-        self.module, self.what = module, what
+    def __init__(self, module: str, max_workers: int, tasks: str) -> None:
+        self.module, self.tasks = module, tasks
         self._slots = FairSlots(max_workers)
         self._pending = 0
 
@@ -88,7 +88,7 @@ class Workers:
         return self._slots.is_full
 
     @asynccontextmanager
-    async def one(self) -> AsyncIterator[Worker]:
+    async def worker(self) -> AsyncIterator[Worker]:
         """Wait for a worker and yield it; leaving the block terminates it.
 
         Raises
@@ -97,10 +97,10 @@ class Workers:
             If there are too many waiting tasks.
         """
         if self._pending >= MAX_QUEUED_JOBS:
-            raise ServerBusy(f"too many {self.what} are queued; try again later")
+            raise ServerBusy(f"too many {self.tasks} are queued; try again later")
         self._pending += 1
         try:
-            async with self._slots.held(current_page.get()):
+            async with self._slots.slot(current_page.get()):
                 process = start_process(self.module)
                 try:
                     yield Worker(process)
@@ -150,7 +150,7 @@ async def run_task(
     async def work() -> bytes:
         if workers.is_busy:
             await socket.send_text(waiting)
-        async with workers.one() as worker:
+        async with workers.worker() as worker:
             started.append(worker)
             for line in lines:
                 await asyncio.to_thread(worker.send, line)
@@ -194,7 +194,7 @@ class OutlineSearches:
         if self._workers.is_busy:
             yield _status("waiting", "Waiting for another outline search")
         try:
-            async with self._workers.one() as worker:
+            async with self._workers.worker() as worker:
                 last = ""
                 await asyncio.to_thread(worker.send, request.model_dump_json(), data)
                 async for line in worker.lines():

@@ -193,7 +193,7 @@ class CalibrationResult(Message):
 class CalibrationStatus(Message):
     """Progress of a calibration: status, estimated camera, report, or error."""
 
-    state: Literal["waiting", "running", "done", "reported", "failed"]
+    state: Literal["waiting", "running", "done", "report", "failed"]
     message: str
     fraction: float | None = None
     result: CalibrationResult | None = None

@@ -113,9 +113,9 @@ class BlurProblem:
     def sharp_roots(self, roots: Values, noise: Noise) -> Values:
         """Return square roots (h, w, channels) of the light of the sharp image."""
         roots = self.within(roots)
-        solution = self.solved(roots, noise, self.effort)
+        solution = self.solve(roots, noise, self.effort)
         sharp = np.sqrt(solution.light())
-        residual = self.left_over(roots, solution)
+        residual = self.residual(roots, solution)
         fraction = self._texture(residual, noise) / (1 + self.widening)
         restored = np.maximum(sharp + fraction[..., None] * residual, 0)
         counts = (1 - _saturated(roots)) * (
@@ -123,7 +123,7 @@ class BlurProblem:
         )
         return np.asarray(roots + counts[..., None] * (restored - roots), np.float32)
 
-    def solved(self, roots: Values, noise: Noise, effort: Effort) -> SharpImage:
+    def solve(self, roots: Values, noise: Noise, effort: Effort) -> SharpImage:
         """Return the sharp image on the fine grid."""
         deviation, visible = self._deviations(noise)
         deblurrings = self.coarse_deblurring if effort.coarse_rounds else None, self.deblurring
@@ -142,7 +142,7 @@ class BlurProblem:
             deviation = deviation * (1 + self.widening / np.float32(BLUR_PX)) ** np.float32(COARSE)
         return deviation, np.asarray(noise.visible_fraction * deviation, np.float32)
 
-    def left_over(self, roots: Values, sharp: SharpImage) -> Values:
+    def residual(self, roots: Values, sharp: SharpImage) -> Values:
         """Return the residual of the sharp image (h, w, channels); 0 in unknown pixels."""
         level = sharp.blurred()
         np.sqrt(np.maximum(level, DARK, out=level), out=level)
@@ -246,13 +246,13 @@ def _mean_squares(values: Values) -> Values:
 # smaller blur.
 
 COMPARED_FRACTION = 0.7  # of the blur, for the comparison of residuals
-LARGEST_REMOVED = 0.95  # quantile of the removed blur above which it is compared with the residual
-MIN_REMOVED, OF_NOISE = 2.0, 0.5  # relative to the noise; expected residual of the fit
+REMOVED_QUANTILE = 0.95  # quantile of the removed blur above which it is compared with the residual
+MIN_REMOVED, NOISE_WEIGHT = 2.0, 0.5  # relative to the noise; expected residual of the fit
 DECREASE = 1.5  # weight of the decrease of the residual from the full to the smaller blur
 MAX_CONTRADICTION = 0.085  # of images of the known blur
 COMPARED_WIDTH_PX, COMPARED_WIDTH = 1.5, 0.8  # minimum blur of the pixels: absolute, of the largest
 MIN_COMPARED_PIXELS = 60
-RESIDUAL_PX, REMOVED_PX = 3, 5  # windows
+RESIDUAL_PX, REMOVED_PX = 3, 5  # side lengths of averaging windows
 MIN_HIGHLIGHT_PX = 4.0  # minimum distance from pixels that are brighter than white
 
 
@@ -262,8 +262,9 @@ def contradiction(
     """Return the residual of a blur relative to the removed blur, or, if less, its weighted
     decrease with a smaller blur; 0 with too few pixels.
 
-    Evaluated where most blur is removed, and not within the blur of pixels brighter than white. Up
-    to :data:`MAX_CONTRADICTION` in images of the known blur, usually 0.1 to 0.3 in sharper images.
+    The pixels with the largest removed blur are evaluated, except near pixels brighter than white.
+    The result is at most :data:`MAX_CONTRADICTION` in images with the known blur, and usually 0.1
+    to 0.3 in sharper images.
 
     Parameters
     ----------
@@ -278,8 +279,8 @@ def contradiction(
     """
     sizes, known = full.sizes.larger, full.known_pixels
     here = full.within(roots)
-    solution = full.solved(here, noise, full.effort)
-    light, residual = solution.light(), full.left_over(here, solution)
+    solution = full.solve(here, noise, full.effort)
+    light, residual = solution.light(), full.residual(here, solution)
     dark = np.asarray(((roots < SATURATED) & (light <= 1)).all(axis=2), np.uint8)
     distance = cv2.distanceTransform(dark, cv2.DIST_C, 3)
     compared = known & (distance > np.maximum(sizes / 2 + 1, MIN_HIGHLIGHT_PX))
@@ -289,22 +290,24 @@ def contradiction(
     removed = _mean_squares(np.sqrt(light) + residual - here)
     removed = np.asarray(cv2.blur(removed, (REMOVED_PX, REMOVED_PX)), np.float32)
     variance = noise.at_least(MIN_ASSUMED_NOISE).by_pixel ** 2
-    compared &= removed >= np.quantile(removed[compared], LARGEST_REMOVED)
+    compared &= removed >= np.quantile(removed[compared], REMOVED_QUANTILE)
     compared &= removed > MIN_REMOVED**2 * variance
     if compared.sum() < MIN_COMPARED_PIXELS:
         return 0.0
     total = removed[compared].sum()
 
-    def relative(residual: Values) -> float:
+    def residual_ratio(residual: Values) -> float:
         squares = cv2.blur(_mean_squares(residual), (RESIDUAL_PX, RESIDUAL_PX)) - noise.by_pixel**2
         return float(np.sqrt(max(squares[compared].sum(), 0) / total))
 
-    of_full = relative(residual)
-    excess = of_full - OF_NOISE * float(np.sqrt(variance[compared].sum() / total))
+    full_ratio = residual_ratio(residual)
+    excess = full_ratio - NOISE_WEIGHT * float(np.sqrt(variance[compared].sum() / total))
     if smaller is None or excess <= MAX_CONTRADICTION:
         return excess
-    of_smaller = relative(smaller.left_over(here, smaller.solved(here, noise, smaller.effort)))
-    return min(excess, DECREASE * (of_full - of_smaller))
+    smaller_ratio = residual_ratio(
+        smaller.residual(here, smaller.solve(here, noise, smaller.effort))
+    )
+    return min(excess, DECREASE * (full_ratio - smaller_ratio))
 
 
 # -- Upper limit of the fraction of a known blur that an image can contain -------------------------
@@ -443,7 +446,7 @@ class BlurLimit:
                 continue
             here = problem.within(roots)
             residual = (
-                problem.left_over(here, problem.fitted(here, noise, EFFORT))
+                problem.residual(here, problem.fitted(here, noise, EFFORT))
                 / noise.by_pixel[..., None]
             )
             saturated = np.asarray((here >= SATURATED).any(axis=2), np.uint8)
@@ -557,7 +560,10 @@ class BlurScale:
         fraction = 1.0
         while fraction > MIN_FRACTION:
             residual = np.array(
-                [self._left_over(fraction * part, roots, noise) for part in TESTED_FRACTIONS]
+                [
+                    self._relative_residuals(fraction * part, roots, noise)
+                    for part in TESTED_FRACTIONS
+                ]
             )
             is_positive = (residual > 0).all(axis=0)
             if not is_positive.any():
@@ -596,7 +602,7 @@ class BlurScale:
     def _is_large(self) -> bool:
         return any(problem.is_large_anywhere for problem in self._problems(TESTED_FRACTIONS[-1]))
 
-    def _left_over(self, fraction: float, roots: Values, noise: Noise) -> Array:
+    def _relative_residuals(self, fraction: float, roots: Values, noise: Noise) -> Array:
         """Return the RMS residual (bands,) relative to the noise for each radius; 0 for bands
         without pixels.
         """
@@ -607,7 +613,7 @@ class BlurScale:
             here = problem.within(roots[strip])
             of_strip = noise.window(*strip)
             residual = (
-                problem.left_over(here, problem.solved(here, of_strip, TEST_EFFORT))
+                problem.residual(here, problem.solve(here, of_strip, TEST_EFFORT))
                 / of_strip.by_pixel[..., None]
             )
             whole = problem.known_pixels & (

@@ -65,7 +65,7 @@ MIN_LIMIT, MIN_LIMIT_OF_CODED = 0.45, 0.3
 MIN_LIMITS_OF_SMALL = ((1.25, 0.9), (2.5, 0.65))
 # From this contradiction between image and full blur, none is removed; below it, from the maximum of
 # the known blur, half of the estimated fraction
-CONTRADICTION_OF_SHARP, SHARE_OF_CONTRADICTED = 0.105, 0.5
+MIN_SHARP_CONTRADICTION, CONTRADICTED_SCALE = 0.105, 0.5
 CERTAIN_LIMIT = 0.95  # above it, residuals that indicate less blur are ignored
 F_TOLERANCE, FOCUS_TOLERANCE = (
     0.05,
@@ -146,7 +146,7 @@ def restore(
         exposure = exposure_of(metadata.exif)
     instance("image", image, np.ndarray, "an array of pixels or a file")
     restorer = Restorer.of_exposure(camera, exposure, object_distance_mm, blur)
-    restored, report = restorer.reported(image, noise, file)
+    restored, report = restorer.restore_and_describe(image, noise, file)
     if on_note is not None:
         on_note(report)
     elif restorer.exposure_words:
@@ -265,7 +265,7 @@ class Restorer:
             )
         return "; ".join(parts)
 
-    def reported(
+    def restore_and_describe(
         self, image: ImageArray, noise: float | Noise | None = None, file: str | Path | None = None
     ) -> tuple[ImageArray, str]:
         """Restore an image and describe its noise, the removed fraction of the blur and the effect
@@ -316,7 +316,7 @@ class Restorer:
         if fraction > 0:
             fraction = min(fraction, self._sharpness_limit(*limits, is_coded=is_coded))
         if fraction > 0 and not self._scale.is_limited:
-            fraction = self._uncontradicted(fraction, np.sqrt(light), estimate)
+            fraction = self._reduce_contradicted(fraction, np.sqrt(light), estimate)
         if beyond > doubtful:
             return Decision(min(fraction, MAX_SHARE_OF_DOUBTFUL), SLIGHTLY_SHARPENED)
         if fraction == 0:
@@ -361,7 +361,7 @@ class Restorer:
         ]
         return min(shares, default=1.0)
 
-    def _uncontradicted(self, fraction: float, roots: Values, noise: Noise) -> float:
+    def _reduce_contradicted(self, fraction: float, roots: Values, noise: Noise) -> float:
         """Return an estimated fraction of the blur, or less if the image contradicts all of the
         blur and does not confirm a fraction of large blur.
         """
@@ -369,10 +369,10 @@ class Restorer:
         if excess <= MAX_CONTRADICTION:
             return fraction
         if fraction < 1 and self._largest_px >= SMALL_PX:
-            of_fraction = contradiction(self._problem(fraction), roots, noise)
-            if of_fraction <= MAX_CONTRADICTION:
+            fraction_excess = contradiction(self._problem(fraction), roots, noise)
+            if fraction_excess <= MAX_CONTRADICTION:
                 return fraction
-        return SHARE_OF_CONTRADICTED * fraction if excess <= CONTRADICTION_OF_SHARP else 0.0
+        return CONTRADICTED_SCALE * fraction if excess <= MIN_SHARP_CONTRADICTION else 0.0
 
     @cached_property
     def _smaller_problem(self) -> BlurProblem:
@@ -539,5 +539,5 @@ class Restoration:
         (h, w) or (h, w, c) array, str
             Deblurred image; description of the noise and of the removed fraction of the blur.
         """
-        restored, report = restorer.reported(image, self.noise, source)
+        restored, report = restorer.restore_and_describe(image, self.noise, source)
         return restored, f"; {report}"

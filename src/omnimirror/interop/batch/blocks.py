@@ -175,8 +175,8 @@ MIN_DIVIDED_ITEMS = 4
 """Minimum number of inputs of a divided block."""
 
 
-def balanced(blocks: Sequence[BatchBlock], workers: int) -> Iterator[BatchBlock]:
-    """Yield blocks of decreasing size, so that all workers end together.
+def balance_blocks(blocks: Sequence[BatchBlock], workers: int) -> Iterator[BatchBlock]:
+    """Yield blocks of decreasing size, so that all workers finish at about the same time.
 
     A block of files has at most 1 / (2 workers) of the remaining inputs (guided self-scheduling);
     other blocks are not divided.
@@ -231,7 +231,7 @@ class ImageProcessor:
         restorer = self.restorer(exposure_of(source.metadata.exif))
         is_file = "!" not in source.name and "://" not in source.name
         file = Path(source.name) if is_file else None
-        pixels, _ = restorer.reported(source.pixels, self.restoration.noise, file)
+        pixels, _ = restorer.restore_and_describe(source.pixels, self.restoration.noise, file)
         return SourceImage(source.name, pixels, source.metadata)
 
     def image(self, source: SourceImage, view: str, output: Path) -> DewarpedImage:

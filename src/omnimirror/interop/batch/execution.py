@@ -27,7 +27,7 @@ from ...base.files import parse_json
 from ...base.results import Columns, Result, table_of
 from ...base.worker_processes import WorkerDied
 from ...io.batch import error_message
-from .blocks import balanced
+from .blocks import balance_blocks
 from .job import BatchJob, load_job
 from .manifest import DONE, FAILED, PLAN_NAME, REMOVED, BatchManifest, ManifestRow, ManifestWriter
 from .planning import BatchPlan, plan_of
@@ -221,7 +221,7 @@ def run(
     stopped_by = 0
     if blocks:
         with interrupts.deferred(), _workers(job, scheduler) as workers:
-            for outcome in run_blocks(balanced(blocks, workers.count), workers, job.retries):
+            for outcome in run_blocks(balance_blocks(blocks, workers.count), workers, job.retries):
                 if isinstance(outcome.error, WorkerDied):
                     outcome.block.fail(own_rows, str(outcome.error))
                 elif outcome.error is not None:

@@ -157,7 +157,7 @@ class FairSlots:
         return not self._free
 
     @asynccontextmanager
-    async def held(self, client: Hashable) -> AsyncIterator[None]:
+    async def slot(self, client: Hashable) -> AsyncIterator[None]:
         """Wait for a slot and hold it during a block."""
         await self._acquire(client)
         try:
@@ -230,7 +230,7 @@ class JobQueue:
 
     async def _run(self, key: Hashable, function: Callable[[], T]) -> T:
         try:
-            async with self._slots.held(current_page.get()):
+            async with self._slots.slot(current_page.get()):
                 return await asyncio.to_thread(function)
         finally:
             del self._jobs[key]

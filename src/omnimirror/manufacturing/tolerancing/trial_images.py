@@ -388,14 +388,16 @@ def diameter_components(blur: Array) -> tuple[tuple[Array, Array], tuple[Array, 
 
 # -- Objects over the field and sequential tracing -------------------------------------------------
 #
-# :mod:`.trial_images` traces perspective lenses with one mirror vectorised. Other sensors, with a
+# Perspective lenses with one mirror are traced vectorised. Other sensors, with a
 # cover, a secondary mirror, a telecentric or a tabulated lens, are built and traced one at a time by
 # the general ray tracer. The blur follows from rays close to the chief ray.
 
-EDGE_PX = 0.02
+RELATIVE_APERTURE_HEIGHT = 0.02
 """Relative aperture height of the rays for blur; aberrations contribute 4e-4 of their marginal
 value."""
-MARGINAL_RAYS = EDGE_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+MARGINAL_RAYS = RELATIVE_APERTURE_HEIGHT * np.array(
+    [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+)
 IMAGED_FRACTION = 0.99
 """Fraction of the rim radius that a perturbed folded sensor with a nominally full aperture images."""
 TANGENT = 1e-5  # step of differences for the image scale
@@ -495,7 +497,10 @@ def sensor_images(
             n, 4, 2
         )
         at, sides = _on_imager(sensor, flat), _on_imager(sensor, round_about)
-        blur = np.stack([sides[:, 0] - sides[:, 1], sides[:, 2] - sides[:, 3]], axis=-1) / EDGE_PX
+        blur = (
+            np.stack([sides[:, 0] - sides[:, 1], sides[:, 2] - sides[:, 3]], axis=-1)
+            / RELATIVE_APERTURE_HEIGHT
+        )
         return at, blur + _tilt_blur(sensor, flat, result.to_pupils)
 
     with np.errstate(all="ignore"):

@@ -14,7 +14,7 @@ const STOPPING = "Stopping with the best camera so far…";
 interface Callbacks {
   request: () => { ask: CalibrationRequest; detections: BoardDetection[] } | null;
   result: (result: CalibrationResult) => void;
-  reported: (report: string) => void;
+  onReport: (report: string) => void;
 }
 
 /** Control of a calibration: start, progress, early stop. */
@@ -74,7 +74,7 @@ export class RunPanel {
     const request = this.callbacks.request();
     if (!request) return;
     this.hasFound = false;
-    const cutOff = () =>
+    const onInterruption = () =>
       this.over(
         this.hasFound
           ? "Calibration complete; the report could not be written."
@@ -83,28 +83,30 @@ export class RunPanel {
     this.task.begin(
       "api/calibrate/work",
       [request.ask, ...request.detections],
-      (news) => this.onStatus(news),
-      cutOff,
+      (status) => this.onStatus(status),
+      onInterruption,
     );
     this.running(true);
     this.status.textContent = "Starting…";
   }
 
-  private onStatus(news: CalibrationStatus): void {
-    if (news.state === "running" || news.state === "waiting") {
-      this.bar.value = news.fraction ?? 0;
-      if (!this.min_corners.disabled) this.status.textContent = `${news.message}…`;
-    } else if (news.state === "done") {
+  private onStatus(status: CalibrationStatus): void {
+    if (status.state === "running" || status.state === "waiting") {
+      this.bar.value = status.fraction ?? 0;
+      if (!this.min_corners.disabled) this.status.textContent = `${status.message}…`;
+    } else if (status.state === "done") {
       this.hasFound = true;
-      this.callbacks.result(news.result!);
+      this.callbacks.result(status.result!);
       this.min_corners.hidden = true;
       this.bar.removeAttribute("value");
       this.status.textContent = "Calibration complete. Writing the report…";
-    } else if (news.state === "reported") {
+    } else if (status.state === "report") {
       this.over("Done.");
-      this.callbacks.reported(news.report!);
+      this.callbacks.onReport(status.report!);
     } else
-      this.over(`${news.message[0].toUpperCase()}${news.message.slice(1).replace(/\.?$/, ".")}`);
+      this.over(
+        `${status.message[0].toUpperCase()}${status.message.slice(1).replace(/\.?$/, ".")}`,
+      );
   }
 
   /** Stop with the best camera so far. */

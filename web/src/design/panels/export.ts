@@ -64,7 +64,7 @@ export class ExportDialog {
     this.problem,
     this.remarks,
   );
-  private readonly uses = h("input", { type: "checkbox" });
+  private readonly useTolerances = h("input", { type: "checkbox" });
   private start: ExportStart | null = null;
   private workshop: Workshop = workshopOf(storedWorkshop());
   private readonly boxes = new Map<string, HTMLInputElement>();
@@ -99,8 +99,8 @@ export class ExportDialog {
     const chosen = new Map([...this.boxes].map(([name, box]) => [name, box.checked]));
     const available = formats.filter((f) => f.name !== "requirements" || requirements);
     const plan = this.callbacks.tolerances();
-    this.uses.disabled = plan === null;
-    if (plan === null) this.uses.checked = false;
+    this.useTolerances.disabled = plan === null;
+    if (plan === null) this.useTolerances.checked = false;
     this.body.replaceChildren(
       ...(missing.length
         ? [
@@ -126,7 +126,7 @@ export class ExportDialog {
               ? "Set the errors in the Tolerances panel first."
               : "In drawings and in the tolerance report",
         },
-        this.uses,
+        this.useTolerances,
         "Use the tolerances of the Tolerances panel (otherwise medium grade in the report)",
       ),
       ...workshop
@@ -246,7 +246,7 @@ export class ExportDialog {
       formats,
       is_archive: isArchive,
       workshop: tables.secondary ? this.workshop : { ...this.workshop, secondary: {} },
-      tolerances: this.uses.checked ? this.callbacks.tolerances() : null,
+      tolerances: this.useTolerances.checked ? this.callbacks.tolerances() : null,
     };
     let name = "";
     this.stop("Starting…");

@@ -67,7 +67,7 @@ export class WorkPanel {
       hidden: true,
       onclick: () =>
         this.stop(
-          this.isTaken
+          this.isLoaded
             ? "The search for relaxations was cancelled."
             : "Cancelled; the design is unchanged.",
         ),
@@ -80,7 +80,7 @@ export class WorkPanel {
   private readonly relaxations = h("div", { className: "relaxations" });
   private kind: SearchTask["kind"] = "optimise";
   /** Whether the design is loaded, and relaxations are searched. */
-  private isTaken = false;
+  private isLoaded = false;
 
   constructor(
     place: HTMLElement,
@@ -126,7 +126,7 @@ export class WorkPanel {
   private start(kind: SearchTask["kind"]): void {
     const { tables, requirements, distance } = this.callbacks.now();
     this.kind = kind;
-    this.isTaken = false;
+    this.isLoaded = false;
     const task: SearchTask = {
       kind,
       tables,
@@ -138,29 +138,31 @@ export class WorkPanel {
       starts: Number(this.starts.value),
       keeps_limits: this.keeps.checked,
     };
-    const cutOff = () => this.stop("The search was interrupted; the design is unchanged.");
-    this.task.begin("api/bench/work", [task], (news) => this.onStatus(news), cutOff);
+    const onInterruption = () => this.stop("The search was interrupted; the design is unchanged.");
+    this.task.begin("api/bench/work", [task], (status) => this.onStatus(status), onInterruption);
     this.relaxations.replaceChildren();
     this.running(true);
     this.status.textContent = "Starting…";
   }
 
-  private onStatus(news: TaskStatus): void {
-    if (news.sensor && !this.isTaken) {
-      this.isTaken = true;
-      this.callbacks.take(news.sensor, this.kind === "optimise");
+  private onStatus(status: TaskStatus): void {
+    if (status.sensor && !this.isLoaded) {
+      this.isLoaded = true;
+      this.callbacks.take(status.sensor, this.kind === "optimise");
     }
-    if (news.state === "running" || news.state === "waiting") {
-      if (news.fraction === null) this.bar.removeAttribute("value");
-      else this.bar.value = news.fraction;
+    if (status.state === "running" || status.state === "waiting") {
+      if (status.fraction === null) this.bar.removeAttribute("value");
+      else this.bar.value = status.fraction;
       const merit = this.parts.merits.find((m) => m.name === this.merit.value)!;
       const value =
-        news.value === null ? "" : `: ${words(news.value, 5)} ${unitWords(merit.unit)}`.trimEnd();
-      this.status.textContent = `${this.labelled(news.message)}${value}`;
+        status.value === null
+          ? ""
+          : `: ${words(status.value, 5)} ${unitWords(merit.unit)}`.trimEnd();
+      this.status.textContent = `${this.labelled(status.message)}${value}`;
       return;
     }
-    this.stop(this.labelled(news.message));
-    this.showRelaxations(news.relaxations);
+    this.stop(this.labelled(status.message));
+    this.showRelaxations(status.relaxations);
   }
 
   /** Display the relaxations; a click applies one and repeats the design. */

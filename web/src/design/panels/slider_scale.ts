@@ -1,5 +1,5 @@
 import type { ParameterInfo } from "../../shared/messages";
-import { clamp } from "../../shared/numbers";
+import { clamp, roundUp } from "../../shared/numbers";
 
 /** Mapping between slider position, 0 to 1, and value. */
 export interface Scale {
@@ -12,7 +12,6 @@ export interface Scale {
 const DECADE = 10; // ratio of the ends of a logarithmic slider
 const STARTS = [1, 3]; // leading digits of the lower end
 const MIN_PLACE = 0.25; // minimum position of the value on a logarithmic slider
-const ROUND = [1, 2, 5, 10];
 const MAX_RANGE = 400; // maximum width of a range that the slider covers completely
 
 /** Return a slider scale that contains a value: complete range if short, one decade with round ends for positive values, otherwise an interval with round ends around 0. The ends depend on the order of magnitude only, so that the handle displays the position of the value between them; values outside the permitted range are replaced by its ends. */
@@ -37,12 +36,6 @@ function decade(p: ParameterInfo, value: number): Scale {
     to: (x) => clamp(rounded(low * Math.exp(x * ratio), p), p.low, p.high),
     from: (v) => (v > low ? Math.min(1, Math.log(v / low) / ratio) : 0),
   };
-}
-
-/** Return the smallest number of the series 1, 2, 5, 10, ... that is not below a value. */
-function roundUp(value: number): number {
-  const power = 10 ** Math.floor(Math.log10(value));
-  return Number((ROUND.find((k) => k * power >= value)! * power).toPrecision(1));
 }
 
 function even(low: number, high: number, p: ParameterInfo): Scale {

@@ -1,5 +1,5 @@
 import { h, save, svg } from "../../shared/dom";
-import { words } from "../../shared/numbers";
+import { roundUp, words } from "../../shared/numbers";
 import type { EditCallbacks } from "../handles/handle";
 import { ProfileHandles } from "../handles/profile";
 import { blocksLike, type Table } from "../evaluation";
@@ -38,12 +38,6 @@ const CURVES: [name: string, label: string][] = [
   ["S∞", "S, ∞"],
   ["S5M", "S, 5 M"],
 ];
-
-/** Return the smallest round number of mm that is not below a value. */
-function stepOf(value: number): number {
-  const power = 10 ** Math.floor(Math.log10(value));
-  return [1, 2, 5, 10].map((k) => Number((k * power).toPrecision(1))).find((x) => x >= value)!;
-}
 
 const multiples = (step: number, low: number, high: number): number[] =>
   Array.from({ length: Math.max(0, Math.floor(high / step) - Math.ceil(low / step) + 1) }, (_, i) =>
@@ -281,7 +275,7 @@ class Frame {
 
   /** Draw the scales along the lower and the left edge, mm. */
   scales(): void {
-    const step = stepOf(MIN_TICKS_PX / this.scale);
+    const step = roundUp(MIN_TICKS_PX / this.scale);
     const [right, top] = [this.width, this.height];
     this.tick(right - 3, top - 8, "end", "z, mm");
     this.tick(3, 11, "start", "x, mm", LABEL_ROWS);

@@ -201,17 +201,17 @@ function sectionOf(
     const some = field.fractions.flatMap((u, i) =>
       i % IMAGE_NODES ? [] : [{ u, far: distance[i], z: z[i] }],
     );
-    const isThere = some.map((p) => Number.isFinite(p.far));
+    const isServerAvailable = some.map((p) => Number.isFinite(p.far));
     return {
       name,
       x: some.map((p, i) =>
-        !isThere[i]
+        !isServerAvailable[i]
           ? NaN
           : isTelecentric
             ? p.u * rim
             : (p.far * p.u * rim) / (ideal.distance + p.z),
       ),
-      z: some.map((p, i) => (isThere[i] ? p.far + zero : NaN)),
+      z: some.map((p, i) => (isServerAvailable[i] ? p.far + zero : NaN)),
     };
   };
   const { far, near } = field;

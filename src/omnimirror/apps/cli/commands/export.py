@@ -21,7 +21,7 @@ from ....manufacturing import (
 )
 from ....manufacturing.body import TAP_DRILLS_MM
 from ....manufacturing.drawings.sheet import SHEETS
-from ....manufacturing.exporter import export
+from ....manufacturing.exporter import DRAWING_SUFFIXES, export
 from ....manufacturing.tolerancing.drawing_conflicts import tolerance_conflicts
 from ....manufacturing.tolerancing.tolerance_file import load_allocated_tolerances
 from ....optics.sensor import Sensor
@@ -43,8 +43,6 @@ from .._output import (
     print_line,
     print_written,
 )
-
-DRAWN = (".pdf", ".svg", ".png", ".dxf")
 
 
 def formats(text: str) -> list[str]:
@@ -202,7 +200,7 @@ def command(
     Prints a table with the deviation of the surface in each file from the mirror.
     """
     camera = load_sensor(sensor)
-    can_draw = formats is None or any(f".{name}" in DRAWN for name in formats)
+    can_draw = formats is None or any(f".{name}" in DRAWING_SUFFIXES for name in formats)
     data = _workshop(camera, workshop, tolerances) if can_draw or workshop or tolerances else None
     console = output_console()
     with console.status("Writing"):
@@ -227,7 +225,7 @@ def command(
     if json_file:
         write_json(json_file, [asdict(file) | {"path": str(file.path)} for file in written])
         print_written(json_file, console=console)
-    if data is not None and any(file.path.suffix.lower() in DRAWN for file in written):
+    if data is not None and any(file.path.suffix.lower() in DRAWING_SUFFIXES for file in written):
         parts = ("mirror",) if camera.secondary is None else ("mirror", "secondary")
         if missing := data.missing(parts):
             console.print(f"Missing entries of the drawing: {', '.join(missing)} (--workshop FILE)")

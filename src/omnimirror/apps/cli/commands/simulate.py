@@ -433,7 +433,7 @@ def _new_recipe(
 def _write_calibration_dataset(output: Path, recipe: CalibrationRecipe) -> None:
     from ....simulation.datasets import write_calibration_dataset
 
-    with _reported(output, "images") as on_progress:
+    with _dataset_progress(output, "images") as on_progress:
         views = write_calibration_dataset(recipe, output, on_progress=on_progress)
     print_line(f"{output}: {views} images, sensor.toml and dataset.json")
 
@@ -441,14 +441,14 @@ def _write_calibration_dataset(output: Path, recipe: CalibrationRecipe) -> None:
 def _write_video_dataset(output: Path, recipe: VideoRecipe) -> None:
     from ....simulation.datasets import write_video_dataset
 
-    with _reported(output, "frames") as on_progress:
+    with _dataset_progress(output, "frames") as on_progress:
         frames = write_video_dataset(recipe, output, on_progress=on_progress)
     print_line(f"{output}: {frames} frames, sensor.toml, video.mp4, poses.csv and dataset.json")
 
 
 @contextmanager
-def _reported(output: Path, noun: str) -> Iterator[Callable[[int, int], None]]:
-    """Show the progress of a dataset, and report the finished images after an interruption."""
+def _dataset_progress(output: Path, noun: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar of a dataset and yield its callback; report an interruption."""
     done = 0
     with count_bar(f"Rendering {noun}") as progress:
 
