@@ -11,7 +11,7 @@ import pytest
 from tests.cross_validation import Compare, Comparison, version_of, write
 
 TORCH = "src/omnimirror/interop/torch"
-TORCH_MODULES = ("_camera.py", "_factory.py", "_tables.py")
+TORCH_MODULES = ("_camera.py", "_dewarper.py", "_factory.py", "_tables.py")
 collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in TORCH_MODULES]
 LONG_EXAMPLES = {
     "omnimirror.calibration.estimation._camera_calibration.calibrate_camera",

@@ -33,6 +33,7 @@ LONG_FUNCTIONS = {
     "dewarp_bag",
     "dewarp_images",
     "dewarp_video",
+    "export",
     "expose",
     "find_boards",
     "pareto",

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
+from omnimirror.base.logs import forward_steps
 from omnimirror.design import parse_requirements
 from omnimirror.design._candidates import make
 from omnimirror.design._parameter_search import RangeSearch
@@ -230,13 +231,14 @@ def test_relaxations_are_thresholds_within_one_percent(name):
 def test_interrupted_relaxation_search_keeps_design_and_results():
     designs, steps = [], []
 
-    def interrupt(message):
+    def interrupt(step):
         if designs:  # only the search for relaxations is interrupted
-            steps.append(message)
+            steps.append(step)
         if len(steps) == 2:
             raise KeyboardInterrupt
 
-    design = design_sensor(parse_requirements(INFEASIBLE), interrupt, on_design=designs.append)
+    with forward_steps(interrupt, "omnimirror.design"):
+        design = design_sensor(parse_requirements(INFEASIBLE), on_design=designs.append)
     assert steps[0].startswith("relaxation 1 of ")
     assert not design.conflict.is_complete
     assert len(design.conflict.alone) == 1

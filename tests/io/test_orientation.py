@@ -166,7 +166,7 @@ def test_dewarping_stored_pixels_reports_option(tmp_path, rotated):
 def test_studio_uses_displayed_orientation(tmp_path, rotated):
     image, path = rotated
     np.testing.assert_array_equal(image_in(path.read_bytes(), "a.png"), image)
-    (tmp_path / "b.png").write_bytes(browser_image(path.read_bytes(), "a.png"))
+    (tmp_path / "b.png").write_bytes(browser_image(path.read_bytes(), "a.png")[0])
     np.testing.assert_array_equal(pillow_image(tmp_path / "b.png"), image)
     page = image_viewer(WIDE, "ball", (), path, om.read_image(path))
     embedded = base64.b64decode(re.search(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)[1])

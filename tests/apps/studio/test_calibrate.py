@@ -146,7 +146,8 @@ def test_image_formats_of_calibration_datasets(kind, client):
         (
             b"no picture",
             {},
-            "here.png must be an image in a supported format (PNG, JPEG, TIFF, WEBP, BMP, GIF, PPM)",
+            "cannot read the image here.png: it must be an undamaged image file (PNG, JPEG, TIFF, "
+            "WebP, AVIF, JPEG 2000, BMP, GIF, PPM, HDR, EXR)",
         ),
         (b"", {}, "the uploaded file is empty"),
         (BLANK, {"columns": 1}, "columns must be an integer between 2 and 200; got 1"),

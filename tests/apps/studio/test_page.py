@@ -402,7 +402,7 @@ def test_page_respects_content_security_policy(browser, server):
     messages = []
     page.on("console", lambda m: messages.append(m.text))
     page.goto(server)
-    page.get_by_text("Elevation -90").wait_for()
+    page.get_by_text("Drop an image or video here").wait_for()
     assert [text for text in messages if "Content Security Policy" in text] == []
     context.close()
 

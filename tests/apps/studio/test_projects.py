@@ -21,6 +21,9 @@ STATE = {"mode": "perspective", "pan": 35, "tilt": -12, "hfov": 55, "rim": [250.
 def wait_for_image(page, name: str) -> None:
     page.wait_for_function(f"window.omnimirror?.look.feed?.name === {name!r}")
     page.wait_for_selector("#view:visible")
+    page.wait_for_function(
+        "window.omnimirror.look.sensor.camera.model.id === window.omnimirror.store.state.sensor"
+    )
 
 
 @pytest.fixture(scope="module")

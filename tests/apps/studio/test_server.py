@@ -111,9 +111,9 @@ def test_closed_connection_cancels_outline_search():
     with serving(studio) as address, httpx.Client(base_url=address, timeout=60) as client:
         with client.stream("POST", "/api/outline", content=png(data)) as response:
             next(response.iter_lines())
-            assert studio.outline_searches._pending == 1
+            assert studio.outline_searches._workers._pending == 1
         start_s = time.monotonic()
-        while studio.outline_searches._pending:
+        while studio.outline_searches._workers._pending:
             assert time.monotonic() - start_s < 5
             time.sleep(0.02)
         # the next search starts immediately
@@ -280,8 +280,8 @@ def test_compressed_text_bomb_is_rejected(client):
     answer = client.post(
         "/api/convert", params={"name": "bomb.png"}, content=png[:33] + chunk + png[33:]
     )
-    assert answer.status_code == 400
-    assert "bomb.png" in error_message(answer)
+    assert answer.status_code == 200
+    assert len(answer.content) < 1000  # the comment is neither decompressed nor copied
 
 
 # -- hostile files
@@ -303,11 +303,17 @@ def png_of(width: int, height: int) -> bytes:
     )
 
 
-@pytest.mark.parametrize("side", [11_000, 60_000])
-def test_decompression_bombs_are_rejected_by_header(side, client):
+@pytest.mark.parametrize(
+    ("side", "message"),
+    [
+        (11_000, "11000 x 11000 px in the PNG header exceed the capacity of"),
+        (60_000, "the decoded pixels of bomb.png must take at most 512 MB; got 10300 MB"),
+    ],
+)
+def test_decompression_bombs_are_rejected_by_header(side, message, client):
     answer = client.post("/api/convert", params={"name": "bomb.png"}, content=png_of(side, side))
     assert answer.status_code == 400
-    assert error_message(answer) == "the decoded pixels of bomb.png must take at most 256 MB"
+    assert message in error_message(answer)
 
 
 @pytest.mark.parametrize(

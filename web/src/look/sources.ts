@@ -358,7 +358,9 @@ export class Sources {
 
   /** Show or hide elements that require an image. */
   private showWhether(hasImage: boolean): void {
+    const wasEmpty = document.body.classList.contains("empty");
     document.body.classList.toggle("empty", !hasImage);
+    if (wasEmpty && hasImage) scrollTo(0, 0); // low screens scroll to the starting points
     byId("empty").hidden = hasImage;
     if (!hasImage) byId("view").hidden = byId("command").hidden = true;
     for (const element of document.querySelectorAll<HTMLButtonElement>("[data-needs]"))
