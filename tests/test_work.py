@@ -1,5 +1,4 @@
-"""Cost of calls in call_counts evaluations, mirrors and bytes, which are independent of the machine,
-unlike times."""
+"""Cost of calls in evaluations, mirrors and bytes, which, unlike times, do not depend on the machine."""
 
 from __future__ import annotations
 

@@ -77,6 +77,22 @@ def _plot(ax: AxesLike, style: str, function: Callable[[list[Axes] | None], Figu
     return result_axes[0] if len(result_axes) == 1 else np.array(result_axes, dtype=object)
 
 
+def _plot_curves(
+    ax: AxesLike,
+    style: str,
+    subjects: list[Subject],
+    all_panels: Callable[..., Figure],
+    first_panel: Callable[..., Figure],
+) -> PlotAxes:
+    """Draw all panels, or the first one on single axes of the caller."""
+
+    def draw(axes: list[Axes] | None) -> Figure:
+        is_single = axes is not None and len(axes) == 1
+        return (first_panel if is_single else all_panels)(subjects, axes)
+
+    return _plot(ax, style, draw)
+
+
 # -- Curves of sensors -----------------------------------------------------------------------------
 
 
@@ -103,7 +119,7 @@ def mapping(
     Returns
     -------
     Axes or (2,) array of Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -118,13 +134,9 @@ def mapping(
     >>> ax.get_xlabel(), len(ax.get_lines())
     ('Field angle Ω (deg)', 1)
     """
-    subjects = _subjects(sensors, conditions)
-
-    def draw(axes: list[Axes] | None) -> Figure:
-        is_single = axes is not None and len(axes) == 1
-        return (curves.image_height if is_single else curves.mapping)(subjects, axes)
-
-    return _plot(ax, style, draw)
+    return _plot_curves(
+        ax, style, _subjects(sensors, conditions), curves.mapping, curves.image_height
+    )
 
 
 def blur(
@@ -149,7 +161,7 @@ def blur(
     Returns
     -------
     Axes or (3,) array of Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -163,13 +175,9 @@ def blur(
     >>> om.plot.blur(om.load_sensor("paper-spherical"), ax=Figure().subplots()).get_ylabel()
     'Blur Δ$_t$, Δ$_s$ (px)'
     """
-    subjects = _subjects(sensors, conditions)
-
-    def draw(axes: list[Axes] | None) -> Figure:
-        is_single = axes is not None and len(axes) == 1
-        return (curves.blur_in_pixels if is_single else curves.blur)(subjects, axes)
-
-    return _plot(ax, style, draw)
+    return _plot_curves(
+        ax, style, _subjects(sensors, conditions), curves.blur, curves.blur_in_pixels
+    )
 
 
 def viewpoints(
@@ -193,7 +201,7 @@ def viewpoints(
     Returns
     -------
     Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -234,7 +242,7 @@ def section(
     Returns
     -------
     Axes or (n,) array of Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -287,7 +295,7 @@ def spots(result: Spots, ax: AxesLike = None, *, style: str = "paper") -> PlotAx
     Returns
     -------
     Axes or (n,) array of Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -321,7 +329,7 @@ def psf(result: Psf | Sequence[Psf], ax: AxesLike = None, *, style: str = "paper
     Returns
     -------
     Axes or (n,) array of Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -359,7 +367,7 @@ def mtf(result: Mtf, ax: AxesLike = None, *, style: str = "paper") -> PlotAxes:
     Returns
     -------
     Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -407,7 +415,7 @@ def tolerances(
     Returns
     -------
     Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------
@@ -472,7 +480,7 @@ def calibration(
     Returns
     -------
     Axes or (2,) array of Axes
-        The axes result_axes on.
+        Axes of the plot.
 
     Raises
     ------

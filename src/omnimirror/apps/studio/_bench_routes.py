@@ -17,7 +17,7 @@ from ._bench_requirements import slider_violations
 from ._bench_sensors import bench_start, changed, on_bench, sensor_on_bench
 from ._http_messages import BYTES, FILE_BODY, FileName
 from ._uploads import safe_name, uploaded_file
-from ._workers import Workers, run_task, serve_socket
+from ._workers import Workers, serve_socket, serve_task
 from .bench_messages import (
     AsBuiltRequest,
     BenchSensor,
@@ -161,12 +161,24 @@ def _add_sockets(app: FastAPI, searches: Workers, exports: Workers) -> None:
     @app.websocket("/api/bench/work")
     async def work(socket: WebSocket) -> None:
         """Run one task and send its progress; closing the socket cancels it."""
-        await serve_socket(socket, lambda socket: _work(socket, searches))
+
+        async def receive(socket: WebSocket) -> list[SearchTask]:
+            return [await receive_message(socket, SearchTask)]
+
+        await serve_socket(
+            socket, lambda socket: serve_task(socket, searches, receive, _search_status)
+        )
 
     @app.websocket("/api/bench/export/run")
     async def export(socket: WebSocket) -> None:
         """Export files, send the progress and then the bytes; closing the socket cancels it."""
-        await serve_socket(socket, lambda socket: _export(socket, exports))
+
+        async def receive(socket: WebSocket) -> list[ExportTask]:
+            return [await receive_message(socket, ExportTask)]
+
+        await serve_socket(
+            socket, lambda socket: serve_task(socket, exports, receive, _export_status)
+        )
 
 
 async def _answer_newest(socket: WebSocket) -> None:
@@ -209,38 +221,13 @@ async def _listen(
         news.set()
 
 
-async def _work(socket: WebSocket, workers: Workers) -> None:
-    def status(state: Literal["waiting", "failed"], message: str) -> str:
-        return TaskStatus(
-            state=state, message=message, fraction=None, value=None, sensor=None, relaxations=()
-        ).model_dump_json()
-
-    try:
-        task = await receive_message(socket, SearchTask)
-        waiting = status("waiting", "Waiting for other searches")
-        await run_task(socket, workers, [task.model_dump_json()], waiting)
-    except InvalidMessage as e:
-        await close_invalid(socket, e)
-        return
-    except OmnimirrorError as e:
-        await socket.send_text(status("failed", str(e)))
-    await socket.close()
+def _search_status(state: Literal["waiting", "failed"], message: str) -> TaskStatus:
+    return TaskStatus(
+        state=state, message=message, fraction=None, value=None, sensor=None, relaxations=()
+    )
 
 
-async def _export(socket: WebSocket, workers: Workers) -> None:
-    def status(state: Literal["waiting", "failed"], message: str) -> str:
-        return ExportStatus(
-            state=state, message=message, fraction=None, entry=None, name=None, remarks=()
-        ).model_dump_json()
-
-    try:
-        task = await receive_message(socket, ExportTask)
-        waiting = status("waiting", "Waiting for other exports")
-        if data := await run_task(socket, workers, [task.model_dump_json()], waiting):
-            await socket.send_bytes(data)
-    except InvalidMessage as e:
-        await close_invalid(socket, e)
-        return
-    except OmnimirrorError as e:
-        await socket.send_text(status("failed", str(e)))
-    await socket.close()
+def _export_status(state: Literal["waiting", "failed"], message: str) -> ExportStatus:
+    return ExportStatus(
+        state=state, message=message, fraction=None, entry=None, name=None, remarks=()
+    )

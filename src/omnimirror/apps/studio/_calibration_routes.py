@@ -3,17 +3,17 @@ boards."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from fastapi import FastAPI, Query, Request, WebSocket
 from fastapi.responses import Response
+from pydantic import BaseModel
 
-from ...base.errors import OmnimirrorError
-from ...interop.http_server.request_bodies import InvalidMessage, close_invalid, receive_message
+from ...interop.http_server.request_bodies import receive_message
 from ._calibration_boards import together
 from ._http_messages import BYTES, FILE_BODY, unframed
 from ._uploads import uploaded_file
-from ._workers import BoardDetectorPool, Workers, run_task, serve_socket
+from ._workers import BoardDetectorPool, Workers, serve_socket, serve_task
 from .calibration_messages import (
     STOP,
     BoardDetection,
@@ -90,19 +90,19 @@ def _add_socket(app: FastAPI, workers: Workers) -> None:
     async def work(socket: WebSocket) -> None:
         """Run one calibration: request, detections, then progress messages; closing the socket
         cancels it."""
-        await serve_socket(socket, lambda socket: _work(socket, workers))
+        await serve_socket(
+            socket, lambda socket: serve_task(socket, workers, _task, _status, (STOP,))
+        )
 
 
-async def _work(socket: WebSocket, workers: Workers) -> None:
-    try:
-        message = await receive_message(socket, CalibrationRequest)
-        detections = [await receive_message(socket, BoardDetection) for _ in range(message.images)]
-        lines = [part.model_dump_json() for part in (message, *detections)]
-        waiting = CalibrationStatus(state="waiting", message="Waiting for other calibrations")
-        await run_task(socket, workers, lines, waiting.model_dump_json(), (STOP,))
-    except InvalidMessage as e:
-        await close_invalid(socket, e)
-        return
-    except OmnimirrorError as e:
-        await socket.send_text(CalibrationStatus(state="failed", message=str(e)).model_dump_json())
-    await socket.close()
+async def _task(socket: WebSocket) -> list[BaseModel]:
+    """Receive the request and its detections."""
+    message = await receive_message(socket, CalibrationRequest)
+    return [
+        message,
+        *[await receive_message(socket, BoardDetection) for _ in range(message.images)],
+    ]
+
+
+def _status(state: Literal["waiting", "failed"], message: str) -> CalibrationStatus:
+    return CalibrationStatus(state=state, message=message)

@@ -10,10 +10,12 @@ from subprocess import Popen
 from typing import IO, Literal
 
 from fastapi import Request, WebSocket, WebSocketDisconnect
+from pydantic import BaseModel
 
-from ...base.errors import InvalidParameter
+from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.worker_processes import start_process, terminate_process
 from ...interop.http_server.limits import MAX_QUEUED_JOBS, FairSlots, ServerBusy, current_page
+from ...interop.http_server.request_bodies import InvalidMessage, close_invalid
 from . import _board_detection_process, _outline_process
 from ._outline_process import OutlineRequest
 from .calibration_messages import BoardDetection, BoardDetectionRequest
@@ -167,6 +169,42 @@ async def run_task(
     finally:
         for task in (listening, working):
             task.cancel()
+
+
+async def serve_task(
+    socket: WebSocket,
+    workers: Workers,
+    receive: Callable[[WebSocket], Awaitable[Sequence[BaseModel]]],
+    status: Callable[[Literal["waiting", "failed"], str], BaseModel],
+    commands: Sequence[str] = (),
+) -> None:
+    """Receive a task from a page, run it in a worker, send its progress and output, and close.
+
+    Parameters
+    ----------
+    socket
+        Connection to the page.
+    workers
+        Worker processes of the task.
+    receive
+        Returns the messages that define the task.
+    status
+        Creates a progress message from state and text.
+    commands
+        Messages of the page that are forwarded to the worker.
+    """
+    try:
+        lines = [message.model_dump_json() for message in await receive(socket)]
+        waiting = status("waiting", f"Waiting for other {workers.tasks}")
+        data = await run_task(socket, workers, lines, waiting.model_dump_json(), commands)
+        if data:
+            await socket.send_bytes(data)
+    except InvalidMessage as e:
+        await close_invalid(socket, e)
+        return
+    except OmnimirrorError as e:
+        await socket.send_text(status("failed", str(e)).model_dump_json())
+    await socket.close()
 
 
 # -- Outline searches ------------------------------------------------------------------------------
