@@ -63,7 +63,7 @@ def compare_two(page: Any) -> None:
     page.keyboard.press("Enter")
     page.wait_for_timeout(SETTLING_MS)
     page.evaluate("window.omnimirror.tabs.design.plotArea.cursor.set(75, null)")
-    page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
+    page.wait_for_function("!document.querySelector('#notice').classList.contains('shown')")
     page.evaluate("document.activeElement.blur()")
     page.locator("#design aside").evaluate("(aside) => aside.scrollTo(0, 0)")
     page.wait_for_timeout(300)
@@ -98,7 +98,7 @@ def look_in_space(page: Any) -> None:
     page.locator(".groups label").filter(has_text="3-D view").click()
     page.wait_for_function(f"{SPACE}?.rays.length > 0")
     page.evaluate(f"{SPACE}.read({SPACE}.rays.find((ray) => ray.index === 7))")
-    page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
+    page.wait_for_function("!document.querySelector('#notice').classList.contains('shown')")
     page.wait_for_timeout(SETTLING_MS)
 
 

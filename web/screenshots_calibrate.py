@@ -53,7 +53,7 @@ def screenshot(browser: Browser, address: str, paths: list[Path], scheme: str) -
     page.evaluate(
         "document.activeElement.blur(); document.querySelector('#calibrate .desk').scrollTo(0, 0)"
     )
-    page.wait_for_function("!document.querySelector('#said').classList.contains('shown')")
+    page.wait_for_function("!document.querySelector('#notice').classList.contains('shown')")
     return page.screenshot()
 
 

@@ -335,7 +335,7 @@ function requestedOf({ at_least, at_most, unit }: RequirementResult): string {
   return sides.filter(Boolean).join(", ");
 }
 
-/** Return the result as symbol, reached value and margin. */
+/** Return the result as symbol, value and margin. */
 function verdictOf(row: RequirementResult): HTMLElement[] {
   const isJust =
     row.is_met &&
@@ -346,8 +346,8 @@ function verdictOf(row: RequirementResult): HTMLElement[] {
   const sign = h(
     "b",
     { className: row.is_met ? "met" : "missed" },
-    row.is_met ? "✓ met" : "✗ not met",
+    row.is_met ? " ✓ met" : " ✗ not met",
   );
   const where = row.omega_deg === null ? "" : ` at ${words(row.omega_deg, 3)}°`;
-  return [sign, h("span", {}, ` reached ${withUnit(row.value, row.unit)}${where}${margin}`)];
+  return [sign, h("span", {}, `: ${withUnit(row.value, row.unit)}${where}${margin}`)];
 }
