@@ -3,9 +3,8 @@
 Interleaved rounds of a bare loop (decode, dewarp, encode, write) in one and in two independent processes, the batch
 runner with one thread, one and two worker processes, and a local Dask cluster with two workers. Each run writes to a
 new folder. Rates and processor times exclude the start: they are those of the second half of the images of a run. The
-maximum rate and the minimum processor time over the rounds are reported. Two independent bare loops show how much of
-two cores is available: the ratios of two workers are to be compared with theirs. A worker is busy while it runs or
-waits for a core (Linux); with the processor time, its busy share is the rate with a free core per worker.
+medians of the rates and of their ratios in each round, and the minimum processor time, are reported. Two independent
+bare loops show how much of two cores is available: the ratios of two workers are to be compared with theirs.
 
     python benchmarks/batch_throughput.py -o out/benchmarks
 """
@@ -16,6 +15,7 @@ import argparse
 import multiprocessing
 import os
 import shutil
+import statistics
 import sys
 import tempfile
 import time
@@ -52,11 +52,10 @@ def make_job(folder: Path, name: str, size: str, workers: int, per_block: int = 
 
 
 class Cost(NamedTuple):
-    """Images per second, processor time of all processes per image in ms, and busy share of workers."""
+    """Images per second, and processor time of all processes per image in ms."""
 
     rate: float
     processor_ms: float
-    busy: float = 1.0
 
 
 def bare_loop(job: BatchJob, name: str, barrier: Barrier, costs: Any) -> None:
@@ -96,47 +95,26 @@ def run_bare_loops(job: BatchJob, processes: int) -> Cost:
     return Cost(sum(c.rate for c in costs), sum(c.processor_ms for c in costs) / processes)
 
 
-class Usage(NamedTuple):
-    """State of this process and its children: wall time, processor time and busy time by process, s."""
-
-    wall: float
-    processor: float
-    busy: dict[int, float]
-
-
-def usage() -> Usage:
-    """Return the current state; the busy time of a process is that of its busiest thread."""
+def usage() -> tuple[float, float]:
+    """Return the wall time, and the processor time of this process and its children, s."""
     own = psutil.Process()
-    processes = [own, *own.children(recursive=True)]
-    times = [process.cpu_times() for process in processes]
-    busy = {}
-    for process in processes[1:]:
-        files = Path(f"/proc/{process.pid}/task").glob("*/schedstat")
-        threads = [[int(value) for value in file.read_text().split()] for file in files]
-        run, wait, _ = max(threads, default=[0, 0, 0])
-        busy[process.pid] = (run + wait) / 1e9
-    return Usage(time.perf_counter(), sum(each.user + each.system for each in times), busy)
+    times = [process.cpu_times() for process in (own, *own.children(recursive=True))]
+    return time.perf_counter(), sum(each.user + each.system for each in times)
 
 
 def run_batch(job: BatchJob, scheduler: str) -> Cost:
     """Return the cost of a run."""
-    progress: list[tuple[int, Usage]] = []
+    progress: list[tuple[int, float, float]] = []
 
     def record(done: int, total: int) -> None:
         if done == total or (done >= total // 2 and not progress):
-            progress.append((done, usage()))
+            progress.append((done, *usage()))
 
     status = om.batch.run(job, scheduler=scheduler, on_progress=record)
     assert status.failed == 0
-    (first, start), (last, end) = progress[0], progress[-1]
-    count, wall = last - first, end.wall - start.wall
-    shares = sorted((end.busy[pid] - start.busy.get(pid, 0.0)) / wall for pid in end.busy)
-    workers = shares[-(job.execution.workers or 1) :]
-    return Cost(
-        count / wall,
-        1000 * (end.processor - start.processor) / count,
-        sum(workers) / len(workers) if workers else 1.0,
-    )
+    (first, wall, processor), (last, wall_end, processor_end) = progress
+    count = last - first
+    return Cost(count / (wall_end - wall), 1000 * (processor_end - processor) / count)
 
 
 def measure(
@@ -165,9 +143,15 @@ def measure(
     return costs
 
 
-def max_rate(costs: list[Cost]) -> float:
-    """Return the maximum rate of several rounds."""
-    return max(cost.rate for cost in costs)
+def median_rate(costs: list[Cost]) -> float:
+    """Return the median rate of several rounds."""
+    return statistics.median(cost.rate for cost in costs)
+
+
+def median_ratio(costs: list[Cost], reference: list[Cost]) -> float:
+    """Return the median over the rounds of the ratio of the rates of two methods."""
+    pairs = zip(costs, reference, strict=True)
+    return statistics.median(cost.rate / other.rate for cost, other in pairs)
 
 
 def min_processor_ms(costs: list[Cost]) -> float:
@@ -175,29 +159,17 @@ def min_processor_ms(costs: list[Cost]) -> float:
     return min(cost.processor_ms for cost in costs)
 
 
-def max_busy(costs: list[Cost]) -> float:
-    """Return the maximum busy share of several rounds."""
-    return max(cost.busy for cost in costs)
-
-
-def free_rate(costs: list[Cost], workers: int) -> float:
-    """Return the rate with a free core per worker, images/s."""
-    return 1000 * workers * max_busy(costs) / min_processor_ms(costs)
-
-
 def table(costs: dict[str, list[Cost]]) -> list[str]:
     """Return the rows of a table of rates."""
     rows = [
-        "| method | images/s | relative rate | processor time per image, ms | workers busy, % |",
-        "|---|---:|---:|---:|---:|",
+        "| method | images/s | relative rate | processor time per image, ms |",
+        "|---|---:|---:|---:|",
     ]
     for name, runs in costs.items():
         reference = REFERENCES.get(name, BARE)
-        ratio = max_rate(runs) / max_rate(costs[reference])
-        relative = f"{ratio:.2f} of {reference}"
+        relative = f"{median_ratio(runs, costs[reference]):.2f} of {reference}"
         rows.append(
-            f"| {name} | {max_rate(runs):.1f} | {relative} | {min_processor_ms(runs):.2f} "
-            f"| {100 * max_busy(runs):.0f} |"
+            f"| {name} | {median_rate(runs):.1f} | {relative} | {min_processor_ms(runs):.2f} |"
         )
     return rows
 
@@ -248,15 +220,13 @@ def main() -> None:
     overhead_ms = min_processor_ms(small[PROCESS]) - min_processor_ms(small[BARE])
     cost_ms = min_processor_ms(large[PROCESS])
     rate = 1000 * MODEL_WORKERS / cost_ms
-    ratio = max_rate(large[TWO]) / max_rate(large[PROCESS])
-    bare_ratio = max_rate(large[BARE_TWO]) / max_rate(large[BARE])
-    free_ratio = free_rate(large[TWO], 2) / free_rate(large[PROCESS], 1)
+    ratio = median_ratio(large[TWO], large[PROCESS])
+    bare_ratio = median_ratio(large[BARE_TWO], large[BARE])
     lines.append(
         f"Overhead of the runner: {overhead_ms:.2f} ms of processor time per image. Two worker processes reach "
-        f"{ratio:.2f} times one; two independent bare loops {bare_ratio:.2f} times one. With a free core per worker, "
-        f"processor times and busy shares correspond to {free_ratio:.2f} times one. Model for {MODEL_WORKERS} workers "
-        f"with one core each: {rate:.0f} images/s at {cost_ms:.1f} ms per image; {IMAGES_PER_DAY:,} images per day "
-        f"require {IMAGES_PER_DAY * cost_ms / 86_400_000:.2f} workers."
+        f"{ratio:.2f} times one; two independent bare loops {bare_ratio:.2f} times one. Model for {MODEL_WORKERS} "
+        f"workers with one core each: {rate:.0f} images/s at {cost_ms:.1f} ms per image; {IMAGES_PER_DAY:,} images "
+        f"per day require {IMAGES_PER_DAY * cost_ms / 86_400_000:.2f} workers."
     )
     write_text(options.output / "batch_throughput.md", "\n".join(lines) + "\n")
     print("\n".join(lines))

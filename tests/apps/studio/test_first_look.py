@@ -156,6 +156,21 @@ def test_outline_search_is_cancelled(page, folder):
     assert page.locator("#busy").is_hidden()
 
 
+def test_circle_set_during_the_search_is_kept(page, folder):
+    """The answer of the server arrives after the user has set the circle."""
+    answered = []
+    with page.expect_request("**/api/outline*") as held:
+        page.route("**/api/outline*", lambda route: answered.append(route))
+        drop(page, folder / "ball.png")
+    assert held.value.method == "POST"
+    set_state(page, rim=[380.0, 220.0, 150.0])
+    for route in answered:
+        route.continue_()
+    page.locator("#busy").wait_for(state="hidden")
+    page.locator("#ask").wait_for(state="visible")  # the question that follows the outline
+    assert state(page)["rim"] == [380.0, 220.0, 150.0]
+
+
 def test_question_is_asked_after_outage(browser, folder):
     studio = Studio()
     with serving(studio) as address:

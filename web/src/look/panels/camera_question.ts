@@ -111,6 +111,7 @@ export class CameraQuestion {
     const { rim } = this.callbacks;
     const outline = alone ? null : await rim.find(feed);
     if (feed !== this.callbacks.feed()) return false;
+    if (!outline && this.store.state.rim) return true; // the circle was set during the search
     return (outline?.is_reliable ?? false) || isOwn || (await rim.confirm(outline));
   }
 

@@ -38,6 +38,7 @@ export class RimPanel {
     this.place.addEventListener("keydown", (e) => e.key === "Escape" && this.finish?.("cancelled"));
     this.finder.addEventListener("click", () => background(this.findHere()));
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));
+    store.listen((_, changed) => changed.has("rim") && this.search?.abort()); // a circle set meanwhile takes precedence
     for (const input of this.inputs)
       input.addEventListener("change", () => {
         const [u, v, radius] = this.inputs.map((i) => Number(i.value));
@@ -96,13 +97,14 @@ export class RimPanel {
         ));
       this.result.set(feed, result);
       if (feed !== this.feed() || search.signal.aborted) return null;
+      this.search = null;
       if (result.is_reliable) this.set(circleIn(result));
       return result;
     } catch (e) {
       if (search.signal.aborted) return null;
       throw e;
     } finally {
-      if (this.search === search) {
+      if (!this.search || this.search === search) {
         this.search = null;
         busy(null);
         this.finder.disabled = false;
