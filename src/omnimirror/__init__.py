@@ -183,6 +183,7 @@ if TYPE_CHECKING:
     from .simulation.scenes.scene import PosedScene as PosedScene
     from .simulation.scenes.scene_sources import load_scene as load_scene
     from .simulation.scenes.street import Street as Street
+    from .simulation.simulated_video import ImageSequence as ImageSequence
     from .simulation.simulated_video import load_path as load_path
     from .simulation.simulated_video import write_video as write_video
 
@@ -334,6 +335,7 @@ _HOMES = {
     "MovingBox": "simulation.scenes.moving_objects",
     "load_bodies": "simulation.scenes.moving_objects",
     "load_path": "simulation.simulated_video",
+    "ImageSequence": "simulation.simulated_video",
     "write_video": "simulation.simulated_video",
     "measure_round_trip": "simulation.round_trip",
     "load_scene": "simulation.scenes.scene_sources",

@@ -24,6 +24,8 @@ CALLBACKS = re.compile(
 OTHER_NAMES = {"progress", "listener", "tell", "report", "say", "stop", "callback", "callbacks"}
 """Names of callbacks that the style guide replaces."""
 LONG_FUNCTIONS = {
+    "ImageSequence.image",
+    "ImageSequence.light",
     "batch.run",
     "bundle_adjust",
     "calibrate_camera",

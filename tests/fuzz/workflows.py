@@ -43,6 +43,7 @@ PARTS = Catalogue(
     (LensComponent("l", 8.0, 1.4, 16.0, 100.0),), (ImagerComponent("i", 1000, 1000, 5.0),)
 )
 MOTION = Keyframes({"x_mm": ((0.0, 0.0), (1.0, 9.0))})
+SEQUENCE = om.ImageSequence(SENSOR, ROOM, MOTION, frame_rate=5.0, duration_s=0.0, samples=1)
 TOLERANCES = om.Tolerances(SENSOR, {"lens.k1": om.Tolerance(0.01)})
 REPORT = om.tolerance(SENSOR, om.TolerancePlan(TOLERANCES, {"blur_px": 20.0}), trials=20)
 VIEW = om.views.panorama(SENSOR, size=(36, 12))
@@ -408,13 +409,12 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "load_path": (om.load_path, {"path": "poses.csv"}),
     "load_bodies": (om.load_bodies, {"path": "bodies.toml"}),
-    "write_video": (
-        om.write_video,
+    "ImageSequence": (
+        om.ImageSequence,
         {
             "camera": SENSOR,
             "scene": ROOM,
             "path": MOTION,
-            "output": "o.mp4",
             "bodies": (),
             "frame_rate": 5.0,
             "duration_s": 0.0,
@@ -423,25 +423,14 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
             "seed": 0,
         },
     ),
+    "write_video": (om.write_video, {"sequence": SEQUENCE, "output": "o.mp4"}),
     "MovingBox": (
         om.MovingBox,
         {"size_mm": (90.0, 80.0, 70.0), "path": MOTION, "colour": "#aabbcc", "name": "cart"},
     ),
     "write_training_dataset": (
         om.write_training_dataset,
-        {
-            "camera": SENSOR,
-            "scene": ROOM,
-            "path": MOTION,
-            "folder": "learn",
-            "bodies": (),
-            "frame_rate": 5.0,
-            "duration_s": 0.0,
-            "samples": 1,
-            "blur": False,
-            "seed": 0,
-            "per_shard": 2,
-        },
+        {"sequence": SEQUENCE, "folder": "learn", "per_shard": 2},
     ),
     "load_scene": (
         om.load_scene,

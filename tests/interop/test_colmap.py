@@ -155,9 +155,8 @@ def test_every_second_frame_of_a_video(tmp_path):
     small = replace(
         SPH, imager=replace(SPH.imager, width_px=128, height_px=128, pixel_pitch_um=5.2 * 8)
     )
-    om.write_video(
-        small, om.Room(texel_mm=40.0), path=moves, output=film, frame_rate=4.0, samples=1
-    )
+    room = om.Room(texel_mm=40.0)
+    om.write_video(om.ImageSequence(small, room, moves, frame_rate=4.0, samples=1), film)
     poses = [om.Pose(**moves.at(k / 4)) for k in range(5)]
     project = write_colmap(
         small, film, tmp_path / "a", views_around=2, size=48, every=2, poses=poses

@@ -191,14 +191,11 @@ def test_shards_are_complete_and_reproducible(tmp_path):
         SMALL, imager=replace(SPH.imager, width_px=32, height_px=32, pixel_pitch_um=5.2 * 32)
     )
     counts = []
+    sequence = om.ImageSequence(tiny, om.Room(texel_mm=40.0), path, bodies=(CART,), samples=1)
     results = [
         om.write_training_dataset(
-            tiny,
-            om.Room(texel_mm=40.0),
-            path=path,
-            folder=tmp_path / name,
-            bodies=(CART,),
-            samples=1,
+            sequence,
+            tmp_path / name,
             per_shard=2,
             workers=workers,
             on_progress=lambda *count: counts.append(count),
@@ -224,7 +221,7 @@ def test_shards_are_complete_and_reproducible(tmp_path):
     assert "3 frames of 32 x 32 px" in card
     assert f"| {ON_CART} | cart |" in card
     with pytest.raises(InvalidParameter, match="folder must not contain a dataset"):
-        om.write_training_dataset(tiny, om.Room(texel_mm=40.0), path=path, folder=tmp_path / "a")
+        om.write_training_dataset(sequence, tmp_path / "a")
 
 
 @pytest.fixture
@@ -242,19 +239,14 @@ def test_interrupted_dataset_contains_complete_shards(tmp_path, is_deferred):
         if done == 3:
             signal.raise_signal(signal.SIGINT)
 
+    camera = om.Unified(xi=0.9, focal_px=(20.0, 20.0), centre_px=(15.5, 15.5), image_size=(32, 32))
+    path = Keyframes({"x_mm": ((0.0, 0.0), (1.2, 100.0))})
+    sequence = om.ImageSequence(camera, om.Room(texel_mm=40.0), path, samples=1)
+
     def write(folder, on_progress=None):
         with interrupts.deferred() if is_deferred else nullcontext():
             return om.write_training_dataset(
-                om.Unified(
-                    xi=0.9, focal_px=(20.0, 20.0), centre_px=(15.5, 15.5), image_size=(32, 32)
-                ),
-                om.Room(texel_mm=40.0),
-                path=Keyframes({"x_mm": ((0.0, 0.0), (1.2, 100.0))}),
-                folder=folder,
-                samples=1,
-                per_shard=2,
-                workers=2,
-                on_progress=on_progress,
+                sequence, folder, per_shard=2, workers=2, on_progress=on_progress
             )
 
     with pytest.raises(KeyboardInterrupt):
@@ -325,15 +317,14 @@ def test_command_matches_python(tmp_path):
         tmp_path / "command",
     )
     assert "set-000000.tar to set-000001.tar" in run.stdout, run.stderr
-    results = om.write_training_dataset(
+    sequence = om.ImageSequence(
         om.load_sensor(sensor),
         om.load_scene("room"),
-        path=om.load_path(tmp_path / "walk.csv"),
-        folder=tmp_path / "made",
+        om.load_path(tmp_path / "walk.csv"),
         bodies=om.load_bodies(tmp_path / "bodies.toml"),
         samples=1,
-        per_shard=2,
     )
+    results = om.write_training_dataset(sequence, tmp_path / "made", per_shard=2)
     assert len(results) == 2
     for path in (tmp_path / "made").iterdir():
         assert (tmp_path / "command" / path.name).read_bytes() == path.read_bytes(), path.name

@@ -24,6 +24,7 @@ from .scenes.calibration_hall import Hall
 from .scenes.moving_objects import MovingBox
 from .scenes.scene import Scene
 from .scenes.scene_sources import SceneSource, record_of, sha256_of, source_of
+from .simulated_video import ImageSequence
 
 # -- Manifest of completed files -------------------------------------------------------------------
 
@@ -240,6 +241,28 @@ class VideoRecipe(Recipe):
     """Frames per second."""
     duration_s: float | None = None
     """Duration, s; up to the last pose by default."""
+
+    def sequence(self) -> ImageSequence:
+        """Return the image sequence, after loading the scene.
+
+        Returns
+        -------
+        ImageSequence
+            Camera, scene, path and rendering parameters.
+        """
+        return ImageSequence(
+            camera=self.sensor,
+            scene=self.scene.load() if isinstance(self.scene, SceneSource) else self.scene,
+            path=self.path,
+            bodies=self.bodies,
+            frame_rate=self.frame_rate,
+            duration_s=self.duration_s,
+            samples=self.samples,
+            blur=bool(self.blur),
+            radiometry=self.radiometry,
+            detector=self.detector,
+            seed=self.seed,
+        )
 
 
 KINDS: dict[str, type[CalibrationRecipe] | type[VideoRecipe]] = {

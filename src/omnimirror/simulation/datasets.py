@@ -7,7 +7,7 @@ import json
 import tarfile
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -24,12 +24,10 @@ from ..base.errors import InvalidParameter
 from ..base.escaping import markdown_text, yaml_string
 from ..base.files import atomic_output, write_text
 from ..base.typing import Array
-from ..cameras.camera import Camera
 from ..io import read_image, write_image
 from ..io.batch import Job
 from ..io.exr import check_exr_can_be_written
 from ..io.images import encoded
-from ..io.keyframes import Keyframes
 from ..optics.camera_files import AnyCamera, save_camera
 from .dataset_manifest import (
     FRAMES,
@@ -40,16 +38,14 @@ from .dataset_manifest import (
     format_of,
     recipe_record,
 )
-from .detector import Detector
 from .ground_truth_maps import Moment, TrainingGroundTruth, ground_truth, training_ground_truth
 from .pixel_rays import project_visible, trace_pixels
 from .radiometry import Radiometry
 from .rendering import expose
 from .scenes.calibration_hall import SQUARE_MM, Hall
-from .scenes.moving_objects import MovingBox, SceneWithBodies, with_bodies
+from .scenes.moving_objects import SceneWithBodies
 from .scenes.scene import POSE_NAMES, Pose, PosedScene, Scene, distances_mm
-from .scenes.scene_sources import SceneSource
-from .simulated_video import check_video_can_be_written, encode, frame_at, frame_times
+from .simulated_video import ImageSequence, check_video_can_be_written, encode
 
 # -- Calibration datasets and videos with ground truth ---------------------------------------------
 
@@ -260,47 +256,34 @@ def write_video_dataset(
     2
     """
     folder = Path(folder)
-    sensor, scene, path, truth = recipe.sensor, recipe.scene, recipe.path, recipe.truth
-    times = frame_times(path, recipe.frame_rate, recipe.duration_s)
     check_video_can_be_written(folder / "video.mp4")
-    world = scene.load() if isinstance(scene, SceneSource) else scene
+    sequence = recipe.sequence()
+    count = len(sequence)
     header: dict[str, Any] = {
         "video": "video.mp4",
         "poses": "poses.csv",
         "frame_rate": recipe.frame_rate,
     }
     manifest = _open_manifest(
-        folder, recipe, header | ({"truth": "frame-%05d.exr"} if truth else {})
+        folder, recipe, header | ({"truth": "frame-%05d.exr"} if recipe.truth else {})
     )
     if manifest.is_complete:
-        return len(times)
+        return count
     files = [
-        [FRAME_PATTERN % number] + [f"frame-{number:05d}.exr"] * truth
-        for number in range(len(times))
+        [FRAME_PATTERN % number] + [f"frame-{number:05d}.exr"] * recipe.truth
+        for number in range(count)
     ]
     completed = 0
 
     def render(number: int) -> None:
-        time, radiometry, seed = times[number], recipe.radiometry, recipe.seed + number
-        current_scene = with_bodies(world, recipe.bodies, time)
-        light = frame_at(
-            sensor,
-            current_scene,
-            path,
-            time,
-            recipe.samples,
-            bool(recipe.blur),
-            radiometry,
-            seed,
-            on_progress=_raise_if_stopping,
-        )
+        light = sequence.light(number, on_progress=_raise_if_stopping)
         image, *truth_names = files[number]
         for name in truth_names:
-            posed_scene = PosedScene(current_scene, Pose(**path.at(time)))
-            write_truth(folder / name, sensor, posed_scene, light, radiometry)
-        write_image(folder / image, recipe.detector.read(light, seed))
+            scene = sequence.posed_scene(number)
+            write_truth(folder / name, recipe.sensor, scene, light, recipe.radiometry)
+        write_image(folder / image, sequence.image(number, light))
 
-    def count(done: int, total: int) -> None:
+    def report(done: int, total: int) -> None:
         nonlocal completed
         completed = done
         if on_progress is not None:
@@ -308,34 +291,30 @@ def write_video_dataset(
 
     missing = [number for number, names in enumerate(files) if not manifest.has(*names)]
     try:
-        _write_images(manifest, files, missing, render, lambda _: None, count)
+        _write_images(manifest, files, missing, render, lambda _: None, report)
     except KeyboardInterrupt:
         if completed:
-            _write_video_files(manifest, sensor, path, times[:completed], recipe.frame_rate)
+            _write_video_files(manifest, sequence, completed)
             manifest.write()
         raise
-    _write_video_files(manifest, sensor, path, times, recipe.frame_rate)
+    _write_video_files(manifest, sequence, count)
     manifest.is_complete = True
-    manifest.drop([FRAME_PATTERN % number for number in range(len(times))])
+    manifest.drop([FRAME_PATTERN % number for number in range(count)])
     (folder / FRAMES).rmdir()
-    return len(times)
+    return count
 
 
-def _write_video_files(
-    manifest: Manifest, sensor: AnyCamera, path: Keyframes, times: list[float], frame_rate: float
-) -> None:
-    """Write the video of the existing frames, and their poses."""
+def _write_video_files(manifest: Manifest, sequence: ImageSequence, count: int) -> None:
+    """Write the video of the first frames, and their poses."""
     rows = [",".join(["time_s", *POSE_NAMES])]
     rows += [
-        ",".join(f"{v:.9g}" for v in (time, *asdict(Pose(**path.at(time))).values()))
-        for time in times
+        ",".join(f"{v:.9g}" for v in (sequence.times_s[n], *asdict(sequence.pose(n)).values()))
+        for n in range(count)
     ]
     write_text(manifest.folder / "poses.csv", "\n".join(rows) + "\n")
-    images = (
-        read_image(manifest.folder / (FRAME_PATTERN % number)) for number in range(len(times))
-    )
-    encode(manifest.folder / "video.mp4", sensor.image_size, frame_rate, images)
-    manifest.entries["frames"] = len(times)
+    images = (read_image(manifest.folder / (FRAME_PATTERN % number)) for number in range(count))
+    encode(manifest.folder / "video.mp4", sequence.camera.image_size, sequence.frame_rate, images)
+    manifest.entries["frames"] = count
     manifest.add("poses.csv", "video.mp4")
 
 
@@ -434,46 +413,23 @@ MAX_WORKERS = 256
 
 @validate_arguments
 def write_training_dataset(
-    camera: AnyCamera,
-    scene: Scene,
-    *,
-    path: Keyframes,
+    sequence: ImageSequence,
     folder: str | Path,
-    bodies: Sequence[MovingBox] = (),
-    frame_rate: float = 25.0,
-    duration_s: float | None = None,
-    samples: int = 4,
-    blur: bool = False,
-    radiometry: Radiometry | None = None,
-    detector: Detector | None = None,
-    seed: int = 0,
+    *,
     per_shard: int = 100,
     workers: int = 1,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
-    """Write images of a camera moving through a scene with depth, directions, normals, labels and
-    optical flow.
+    """Write an image sequence with depth, directions, normals, labels and optical flow.
 
     Parameters
     ----------
-    camera
-        Sensor, or a calibrated camera.
-    scene
-        Scene, such as :class:`omnimirror.Room`, which labels walls and furniture; others have a
-        single label.
-    path
-        Path returned by :func:`omnimirror.load_path`.
+    sequence
+        Camera, scene, path and rendering parameters. A scene such as :class:`omnimirror.Room` labels
+        walls and furniture; others have a single label.
     folder
         Output folder for ``set-000000.tar``, ..., ``sensor.toml`` and the dataset card,
         ``README.md``.
-    bodies
-        Moving bodies, such as :class:`omnimirror.MovingBox`.
-    frame_rate
-        Frames per second.
-    duration_s
-        Duration, s; up to the last pose by default.
-    samples, blur, radiometry, detector, seed
-        Rendering parameters, as in :func:`omnimirror.write_video`.
     per_shard
         Number of samples per tar file.
     workers
@@ -499,27 +455,16 @@ def write_training_dataset(
     ...     xi=0.9, focal_px=(20.0, 20.0), centre_px=(15.5, 15.5), image_size=(32, 32)
     ... )
     >>> from omnimirror.io.keyframes import Keyframes
-    >>> moves = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
+    >>> path = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
+    >>> sequence = om.ImageSequence(camera, om.Room(texel_mm=40.0), path, samples=1)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     shards = om.write_training_dataset(camera, om.Room(texel_mm=40.0), path=moves, folder=folder, samples=1)
+    ...     shards = om.write_training_dataset(sequence, folder)
     ...     [shard.name for shard in shards]
     ['set-000000.tar']
     """
     folder, per_shard = file_name("folder", folder), integer("per_shard", per_shard, 1, 1_000_000)
     workers = integer("workers", workers, 1, MAX_WORKERS)
-    dataset = TrainingSamples(
-        camera,
-        scene,
-        path,
-        tuple(frame_times(path, frame_rate, duration_s)),
-        tuple(bodies),
-        samples,
-        blur,
-        radiometry,
-        detector or Detector(),
-        seed,
-    )
-    count = len(dataset.times_s)
+    dataset, count = TrainingSamples(sequence), len(sequence)
     if (folder / CARD_NAME).exists():
         raise InvalidParameter(
             f"folder must not contain a dataset; remove {folder / CARD_NAME} or choose another folder"
@@ -538,12 +483,8 @@ def write_training_dataset(
             shards.append(folder / f"set-{number:06d}.tar")
             with atomic_output(shards[-1]) as temporary, temporary.open("wb") as file:
                 write_samples(file, islice(rendered, per_shard))
-    save_camera(camera, folder / "sensor.toml")
-    names = [s.name for s in shards]
-    write_text(
-        folder / CARD_NAME,
-        _dataset_card(camera, dataset.moment(0).scene, count, frame_rate, names),
-    )
+    save_camera(sequence.camera, folder / "sensor.toml")
+    write_text(folder / CARD_NAME, _dataset_card(dataset, [shard.name for shard in shards]))
     return shards
 
 
@@ -566,31 +507,16 @@ def _raise_if_stopping(*_: int) -> None:
 
 @dataclass(frozen=True)
 class TrainingSamples:
-    """Samples of a training dataset, each a pure function of its number.
+    """Samples of a training dataset, each a pure function of its number."""
 
-    Parameters
-    ----------
-    camera, scene, path, bodies, samples, blur, radiometry, detector, seed
-        As in :func:`write_training_dataset`.
-    times_s
-        Times of the frames, s.
-    """
-
-    camera: AnyCamera
-    scene: Scene
-    path: Keyframes
-    times_s: tuple[float, ...]
-    bodies: tuple[MovingBox, ...] = ()
-    samples: int = 4
-    blur: bool = False
-    radiometry: Radiometry | None = None
-    detector: Detector = field(default_factory=Detector)
-    seed: int = 0
+    sequence: ImageSequence
 
     def moment(self, number: int) -> Moment:
         """Return scene and pose of a frame; those of the last frame beyond the end."""
-        time = self.times_s[min(number, len(self.times_s) - 1)]
-        return Moment(SceneWithBodies(self.scene, self.bodies, time), Pose(**self.path.at(time)))
+        number = min(number, len(self.sequence) - 1)
+        time_s = self.sequence.times_s[number]
+        scene = SceneWithBodies(self.sequence.scene, tuple(self.sequence.bodies), time_s)
+        return Moment(scene, self.sequence.pose(number))
 
     def files(self, number: int) -> dict[str, bytes]:
         """Render a sample; return the contents of its files by suffix.
@@ -600,23 +526,14 @@ class TrainingSamples:
         dict
             ``"png"``, ``"npz"`` and ``"json"`` as described in the dataset card.
         """
-        now, following = self.moment(number), self.moment(number + 1)
-        light = expose(
-            self.camera,
-            now.posed_scene,
-            samples=self.samples,
-            blur=self.blur,
-            radiometry=self.radiometry,
-            seed=self.seed + number,
-            on_progress=_raise_if_stopping,
-        )
-        image = encoded(self.detector.read(light, self.seed + number), ".png")
-        truth_maps = training_ground_truth(self.camera, now, following, self.radiometry)
-        is_last = number + 1 == len(self.times_s)
+        sequence, now, following = self.sequence, self.moment(number), self.moment(number + 1)
+        image = encoded(sequence.image(number, on_progress=_raise_if_stopping), ".png")
+        truth_maps = training_ground_truth(sequence.camera, now, following, sequence.radiometry)
+        is_last = number + 1 == len(sequence)
         return {
             "png": image,
             "npz": _arrays(truth_maps),
-            "json": _record(now, self.times_s[number], is_last),
+            "json": _record(now, sequence.times_s[number], is_last),
         }
 
 
@@ -654,11 +571,10 @@ def _record(now: Moment, time_s: float, is_last: bool) -> bytes:
     return json.dumps(record).encode()
 
 
-def _dataset_card(
-    camera: Camera, scene: SceneWithBodies, count: int, frame_rate: float, shards: Sequence[str]
-) -> str:
-    width, height = camera.image_size
-    name: Any = getattr(camera, "name", "camera")
+def _dataset_card(samples: TrainingSamples, shards: Sequence[str]) -> str:
+    sequence, scene = samples.sequence, samples.moment(0).scene
+    (width, height), rate, count = sequence.camera.image_size, sequence.frame_rate, len(sequence)
+    name: Any = getattr(sequence.camera, "name", "camera")
     labels = "\n".join(
         f"| {i} | {markdown_text(label)} |" for i, label in enumerate(("none", *scene.label_names))
     )
@@ -670,7 +586,7 @@ tags: [synthetic, catadioptric, omnidirectional, optical-flow, webdataset]
 
 # Simulated images of {markdown_text(name)}
 
-Synthetic dataset of {count} frames of {width} x {height} px at {frame_rate:g} frames/s in {len(shards)} shards
+Synthetic dataset of {count} frames of {width} x {height} px at {rate:g} frames/s in {len(shards)} shards
 ({shards[0]} to {shards[-1]}), rendered with omnimirror {__version__}. `sensor.toml` contains the camera.
 
 | file of a sample | content |

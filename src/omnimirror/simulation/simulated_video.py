@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import number, validate_arguments
+from ..base.arguments import check_fields, number, validate_arguments
+from ..base.caching import cached_property
 from ..base.colour import Light
 from ..base.errors import InvalidParameter, MediaError, extra_remedy
-from ..cameras.camera import Camera
 from ..io.keyframes import Keyframes
+from ..optics.camera_files import AnyCamera
 from .detector import Detector
 from .radiometry import Radiometry
 from .rendering import expose
@@ -87,67 +89,9 @@ def frame_times(path: Keyframes, frame_rate: float, duration_s: float | None = N
     return [i / frame_rate for i in range(count)]
 
 
-def frame_at(
-    camera: Camera,
-    scene: Scene,
-    path: Keyframes,
-    time_s: float,
-    samples: int = 4,
-    blur: bool = False,
-    radiometry: Radiometry | None = None,
-    seed: int = 0,
-    on_progress: Callable[[int, int], None] | None = None,
-) -> Light:
-    """Return the linear light (h, w, 3) at the time ``time_s``; the sensor is static during the
-    exposure.
-
-    Raises
-    ------
-    InvalidParameter
-        As in :func:`~omnimirror.expose`, or if the path leads to a position that is impossible for
-        a sensor.
-    """
-    posed_scene = PosedScene(scene, Pose(**path.at(time_s)))
-    return expose(
-        camera,
-        posed_scene,
-        samples=samples,
-        blur=blur,
-        radiometry=radiometry,
-        seed=seed,
-        on_progress=on_progress,
-    )
-
-
-class VideoFrame(NamedTuple):
-    """Frame of a video after it is written."""
-
-    number: int
-    time_s: float
-    pose: Pose
-    light: Light
-    """Linear light (h, w, 3)."""
-
-
-@validate_arguments
-def write_video(
-    camera: Camera,
-    scene: Scene,
-    *,
-    path: Keyframes,
-    output: str | Path,
-    bodies: Sequence[MovingBox] = (),
-    frame_rate: float = 25.0,
-    duration_s: float | None = None,
-    samples: int = 4,
-    blur: bool = False,
-    radiometry: Radiometry | None = None,
-    detector: Detector | None = None,
-    seed: int = 0,
-    on_frame: Callable[[VideoFrame, int], None] | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
-) -> int:
-    """Write the video of a camera along a path and return its number of frames.
+@dataclass(frozen=True)
+class ImageSequence:
+    """Images of a camera that moves along a path through a scene.
 
     Parameters
     ----------
@@ -157,8 +101,6 @@ def write_video(
         Scene, such as :class:`omnimirror.Room` or the result of :func:`omnimirror.load_scene`.
     path
         Path returned by :func:`omnimirror.load_path`.
-    output
-        Output file.
     bodies
         Moving bodies, such as :class:`omnimirror.MovingBox` or those returned by
         :func:`omnimirror.load_bodies`.
@@ -176,10 +118,162 @@ def write_video(
         Image sensor electronics; without noise by default.
     seed
         Random seed.
-    on_frame
-        Callback with each frame after it is written, and the total number.
+
+    Raises
+    ------
+    InvalidParameter
+        If the frame rate or the duration is invalid.
+
+    Notes
+    -----
+    A frame is a pure function of its number, so that several processes render parts of a sequence.
+    The camera is static during an exposure.
+
+    Examples
+    --------
+    >>> import omnimirror as om
+    >>> from omnimirror.io.keyframes import Keyframes
+    >>> path = Keyframes({"x_mm": ((0.0, 0.0), (0.08, 60.0))})
+    >>> camera = om.Unified(
+    ...     xi=0.9, focal_px=(20.0, 20.0), centre_px=(15.5, 15.5), image_size=(32, 32)
+    ... )
+    >>> sequence = om.ImageSequence(camera, om.Room(texel_mm=40.0), path, samples=1)
+    >>> len(sequence), sequence.image(1).shape
+    (3, (32, 32, 3))
+    """
+
+    camera: AnyCamera
+    scene: Scene
+    path: Keyframes
+    bodies: Sequence[MovingBox] = ()
+    frame_rate: float = 25.0
+    duration_s: float | None = None
+    samples: int = 4
+    blur: bool = False
+    radiometry: Radiometry | None = None
+    detector: Detector = field(default_factory=Detector)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        frame_times(self.path, self.frame_rate, self.duration_s)
+
+    @cached_property
+    def times_s(self) -> tuple[float, ...]:
+        """Times of the frames."""
+        return tuple(frame_times(self.path, self.frame_rate, self.duration_s))
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.times_s)
+
+    def pose(self, number: int) -> Pose:
+        """Return the pose of the camera in a frame.
+
+        Parameters
+        ----------
+        number
+            Number of the frame, from 0.
+
+        Returns
+        -------
+        Pose
+            Position, mm, and rotation, deg.
+        """
+        return Pose(**self.path.at(self.times_s[number]))
+
+    def posed_scene(self, number: int) -> PosedScene:
+        """Return the scene and its bodies in the frame of the camera.
+
+        Parameters
+        ----------
+        number
+            Number of the frame, from 0.
+
+        Returns
+        -------
+        PosedScene
+            Scene at the time of the frame.
+        """
+        scene = with_bodies(self.scene, self.bodies, self.times_s[number])
+        return PosedScene(scene, self.pose(number))
+
+    def light(self, number: int, *, on_progress: Callable[[int, int], None] | None = None) -> Light:
+        """Return the linear light (h, w, 3) of a frame.
+
+        Parameters
+        ----------
+        number
+            Number of the frame, from 0.
+        on_progress
+            Callback with the number of rendered parts and the total.
+
+        Returns
+        -------
+        light : (h, w, 3)
+            Linear RGB, 1 at saturation for an exposure of 1.
+
+        Raises
+        ------
+        InvalidParameter
+            As in :func:`omnimirror.expose`, or if the path leads to a position that is impossible
+            for a sensor.
+        """
+        return expose(
+            self.camera,
+            self.posed_scene(number),
+            samples=self.samples,
+            blur=self.blur,
+            radiometry=self.radiometry,
+            seed=self.seed + number,
+            on_progress=on_progress,
+        )
+
+    def image(
+        self,
+        number: int,
+        light: Light | None = None,
+        *,
+        on_progress: Callable[[int, int], None] | None = None,
+    ) -> NDArray[Any]:
+        """Return a frame read by the detector.
+
+        Parameters
+        ----------
+        number
+            Number of the frame, from 0.
+        light : (h, w, 3)
+            Linear light of the frame, if already rendered.
+        on_progress
+            Callback as in :meth:`light`.
+
+        Returns
+        -------
+        image : (h, w, 3), or (h, w) for a Bayer mosaic
+            Values of the detector.
+        """
+        if light is None:
+            light = self.light(number, on_progress=on_progress)
+        return self.detector.read(light, self.seed + number)
+
+
+@validate_arguments
+def write_video(
+    sequence: ImageSequence,
+    output: str | Path,
+    *,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write an image sequence as a video and return its number of frames.
+
+    Parameters
+    ----------
+    sequence
+        Camera, scene, path and rendering parameters.
+    output
+        Output file.
     on_progress
-        Callback of the number of written frames and the total number.
+        Callback with the number of written frames and the total number.
 
     Returns
     -------
@@ -189,7 +283,7 @@ def write_video(
     Raises
     ------
     InvalidParameter
-        As in :func:`frame_times` and :func:`frame_at`.
+        As in :meth:`ImageSequence.light`.
     MediaError
         If PyAV is not installed, or the file cannot be written.
     KeyboardInterrupt
@@ -198,32 +292,26 @@ def write_video(
     Examples
     --------
     >>> import omnimirror as om, tempfile
-    >>> from dataclasses import replace
-    >>> sensor = om.load_sensor("paper-spherical")
-    >>> small = replace(sensor, imager=replace(sensor.imager, width_px=64, height_px=64, pixel_pitch_um=83.2))
+    >>> from omnimirror.io.keyframes import Keyframes
+    >>> camera = om.Unified(
+    ...     xi=0.9, focal_px=(40.0, 40.0), centre_px=(31.5, 31.5), image_size=(64, 64)
+    ... )
+    >>> path = Keyframes({"x_mm": ((0.0, 0.0), (0.04, 100.0))})
+    >>> sequence = om.ImageSequence(camera, om.Room(texel_mm=40.0), path, samples=1)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with open(f"{folder}/path.csv", "w") as file:
-    ...         _ = file.write("time_s,x_mm\\n0,0\\n0.04,100\\n")
-    ...     om.write_video(
-    ...         small, om.Room(texel_mm=40.0), path=om.load_path(f"{folder}/path.csv"), output=f"{folder}/film.mp4",
-    ...         samples=1)
+    ...     om.write_video(sequence, f"{folder}/film.mp4")
     2
     """
     check_video_can_be_written(output)
-    times, detector = frame_times(path, frame_rate, duration_s), detector or Detector()
 
     def images() -> Iterator[NDArray[Any]]:
-        for i, time in enumerate(times):
-            posed_scene = with_bodies(scene, bodies, time)
-            light = frame_at(camera, posed_scene, path, time, samples, blur, radiometry, seed + i)
-            yield detector.read(light, seed + i)
-            if on_frame is not None:
-                on_frame(VideoFrame(i, time, Pose(**path.at(time)), light), len(times))
+        for k in range(len(sequence)):
+            yield sequence.image(k)
             if on_progress is not None:
-                on_progress(i + 1, len(times))
+                on_progress(k + 1, len(sequence))
 
-    encode(output, camera.image_size, frame_rate, images())
-    return len(times)
+    encode(output, sequence.camera.image_size, sequence.frame_rate, images())
+    return len(sequence)
 
 
 def encode(

@@ -280,15 +280,9 @@ def test_rendering_in_two_parts(tmp_path):
     job = job_of(tmp_path, "", output, RENDER)
     assert [om.batch.run(job, scheduler="threads", part=(i, 2)).done for i in (1, 2)] == [4, 6]
     shards = sorted((tmp_path / "out").glob("*.tar"))
-    dataset = om.write_training_dataset(
-        CAMERA,
-        om.Room(texel_mm=40.0),
-        path=om.load_path(tmp_path / "walk.csv"),
-        folder=tmp_path / "set",
-        frame_rate=10.0,
-        samples=1,
-        per_shard=2,
-    )
+    path = om.load_path(tmp_path / "walk.csv")
+    sequence = om.ImageSequence(CAMERA, om.Room(texel_mm=40.0), path, frame_rate=10.0, samples=1)
+    dataset = om.write_training_dataset(sequence, tmp_path / "set", per_shard=2)
     for path, other in zip(shards, dataset, strict=True):
         with tarfile.open(path) as one, tarfile.open(other) as two:
             for a, b in zip(one, two, strict=True):

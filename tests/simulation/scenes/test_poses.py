@@ -16,7 +16,6 @@ from omnimirror.simulation.rendering import expose
 from omnimirror.simulation.scenes.environment import Environment
 from omnimirror.simulation.scenes.room import ROOM
 from omnimirror.simulation.scenes.scene import Pose, PosedScene
-from omnimirror.simulation.simulated_video import frame_at, frame_times
 
 
 def small(name: str, pixels: int = 64) -> om.Sensor:
@@ -114,11 +113,11 @@ def test_frames_match_poses():
     path = Keyframes(
         {"x_mm": ((0.0, 0.0), (2.0, 800.0)), "pan_deg": ((0.0, 0.0), (2.0, 90.0))}, "linear"
     )
-    light = frame_at(sensor, room, path, 1.0, samples=1)
+    sequence = om.ImageSequence(sensor, room, path, frame_rate=1.0, samples=1)
     np.testing.assert_array_equal(
-        light, expose(sensor, PosedScene(room, Pose(400.0, pan_deg=45.0)), samples=1)
+        sequence.light(1), expose(sensor, PosedScene(room, Pose(400.0, pan_deg=45.0)), samples=1)
     )
     with pytest.raises(
         InvalidParameter, match=r"frame_rate must be between 0\.001 and 1e\+06; got 0\.0"
     ):
-        frame_times(path, 0.0)
+        om.ImageSequence(sensor, room, path, frame_rate=0.0)

@@ -36,7 +36,7 @@ from ...io.images import format_of
 from ...optics.camera_files import parse_camera
 from ...simulation.datasets import TrainingSamples, write_samples
 from ...simulation.scenes.scene_sources import SceneSource
-from ...simulation.simulated_video import frame_times, load_path
+from ...simulation.simulated_video import ImageSequence, load_path
 from .inputs import GZIP_SUFFIXES, BatchInput, InputReader
 from .job import BatchJob, digest_of
 from .manifest import DONE, FAILED, ManifestRow, ManifestWriter, manifest_writer
@@ -271,16 +271,17 @@ def _training_samples(text: str, sensor_text: str) -> TrainingSamples:
     path = load_path(Path(folder) / table["path"])
     file = Path(folder) / table["scene"]
     scene = SceneSource(str(file) if file.is_file() else table["scene"], table["texel_mm"]).load()
-    times = tuple(frame_times(path, table["frame_rate"], table["duration_s"]))
-    return TrainingSamples(
+    sequence = ImageSequence(
         parse_camera(sensor_text),
         scene,
         path,
-        times,
+        frame_rate=table["frame_rate"],
+        duration_s=table["duration_s"],
         samples=table["samples"],
         blur=table["blur"],
         seed=table["seed"],
     )
+    return TrainingSamples(sequence)
 
 
 def training_samples(job: BatchJob, sensor_text: str) -> TrainingSamples:

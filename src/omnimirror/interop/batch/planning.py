@@ -210,11 +210,11 @@ def plan_of(job: BatchJob) -> BatchPlan:
 def _frames(job: BatchJob) -> list[BatchInput]:
     """Return the frames of a rendering job."""
     assert job.render is not None
-    samples = training_samples(job, job.sensors[0].text)
-    stamp = digest_of([samples.path.tracks, samples.path.interpolation, list(samples.times_s)])
+    sequence = training_samples(job, job.sensors[0].text).sequence
+    stamp = digest_of([sequence.path.tracks, sequence.path.interpolation, list(sequence.times_s)])
     return [
         BatchInput(job.render.scene, f"{number:06d}", stamp=stamp)
-        for number in range(len(samples.times_s))
+        for number in range(len(sequence.times_s))
     ]
 
 

@@ -58,6 +58,7 @@ from .._scene_options import (
 
 if TYPE_CHECKING:
     from ....simulation.dataset_manifest import CalibrationRecipe, VideoRecipe
+    from ....simulation.simulated_video import ImageSequence
 
 IMAGE_ONLY = ("bits", "bayer", "wavelengths_nm")
 
@@ -246,9 +247,9 @@ def _render_video(
     trajectory: TrajectoryOptions,
     rendering: RenderingOptions,
 ) -> None:
-    from ....simulation.simulated_video import load_path, write_video
+    from ....simulation.simulated_video import write_video
 
-    assert trajectory.path is not None
+    sequence = _sequence(camera, scene, trajectory, rendering)
     done = 0
     with count_bar("Rendering frames") as progress:
 
@@ -258,26 +259,34 @@ def _render_video(
             progress(done, total)
 
         try:
-            write_video(
-                camera,
-                scene,
-                path=load_path(trajectory.path),
-                output=output,
-                bodies=trajectory.moving(),
-                frame_rate=trajectory.frame_rate,
-                duration_s=trajectory.duration_s,
-                samples=rendering.samples,
-                blur=rendering.is_blurred(camera),
-                radiometry=rendering.radiometry(),
-                detector=rendering.detector(),
-                seed=rendering.seed,
-                on_progress=on_progress,
-            )
+            write_video(sequence, output, on_progress=on_progress)
         except KeyboardInterrupt:
             _report_interruption(output, done, "frames")
             raise
     width, height = camera.image_size
     print_line(f"{output}: {width} x {height} px, {done} frames")
+
+
+def _sequence(
+    camera: AnyCamera, scene: Scene, trajectory: TrajectoryOptions, rendering: RenderingOptions
+) -> ImageSequence:
+    """Return the image sequence of the options."""
+    from ....simulation.simulated_video import ImageSequence, load_path
+
+    assert trajectory.path is not None
+    return ImageSequence(
+        camera=camera,
+        scene=scene,
+        path=load_path(trajectory.path),
+        bodies=trajectory.moving(),
+        frame_rate=trajectory.frame_rate,
+        duration_s=trajectory.duration_s,
+        samples=rendering.samples,
+        blur=rendering.is_blurred(camera),
+        radiometry=rendering.radiometry(),
+        detector=rendering.detector(),
+        seed=rendering.seed,
+    )
 
 
 def _report_interruption(output: Path, done: int, what: str) -> None:
@@ -509,35 +518,16 @@ def training(
     next frame. README.md describes the format.
     """
     from ....simulation.datasets import write_training_dataset
-    from ....simulation.simulated_video import load_path
 
     if trajectory.path is None:
         raise click.UsageError("a training dataset requires --path")
     if rendering.wavelengths_nm is not None:
         raise click.UsageError("rendering.wavelengths_nm requires a single image, not a dataset")
-    camera, path, bodies = (
-        load_camera(sensor, changes),
-        load_path(trajectory.path),
-        trajectory.moving(),
-    )
+    camera = load_camera(sensor, changes)
+    sequence = _sequence(camera, scene.source().load(), trajectory, rendering)
     with count_bar("Rendering frames") as progress:
         try:
-            shards = write_training_dataset(
-                camera,
-                scene.source().load(),
-                path=path,
-                folder=output,
-                bodies=bodies,
-                frame_rate=trajectory.frame_rate,
-                duration_s=trajectory.duration_s,
-                samples=rendering.samples,
-                blur=rendering.is_blurred(camera),
-                radiometry=rendering.radiometry(),
-                detector=rendering.detector(),
-                seed=rendering.seed,
-                on_progress=progress,
-                **storage.given,
-            )
+            shards = write_training_dataset(sequence, output, on_progress=progress, **storage.given)
         except KeyboardInterrupt:
             _report_interruption(output, len([*output.glob("set-*.tar")]), "shards")
             raise
