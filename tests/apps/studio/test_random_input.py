@@ -96,6 +96,8 @@ class RandomUser:
             return
         self.actions.append(kind)
         if kind == "size":
+            self.page.evaluate("document.fullscreenElement && document.exitFullscreen()")
+            self.page.wait_for_function("!document.fullscreenElement")
             width, height = self.random.randint(320, 1600), self.random.randint(300, 1000)
             self.page.set_viewport_size({"width": width, "height": height})
         elif kind == "reload":
@@ -120,10 +122,10 @@ def _use_at_random(browser, server, folder, seed: int, is_over) -> None:
         except Exception as error:
             if "context was destroyed" not in str(error) and "navigat" not in str(error):
                 raise AssertionError(f"after {user.actions[-12:]}") from error
-        assert page.problems == [], user.actions[-12:]
+        assert page.problems == [], "\n".join(user.actions[-12:])
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
     assert page.evaluate(ALIVE) == 3
-    assert page.problems == [], user.actions[-12:]
+    assert page.problems == [], "\n".join(user.actions[-12:])
     page.context.close()
 
 
