@@ -84,7 +84,7 @@ def open_page(
     page = context.new_page()
     page.set_default_timeout(TIMEOUT_MS)
     page.problems = []
-    page.on("pageerror", lambda e: page.problems.append(str(e)))
+    page.on("pageerror", lambda e: page.problems.append(e.stack or str(e)))
     page.goto(url)
     page.wait_for_function("window.omnimirror?.look.sensor.camera")
     if not asks:

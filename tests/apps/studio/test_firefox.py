@@ -10,6 +10,8 @@ import pytest
 import omnimirror as om
 from omnimirror.apps.studio import _standalone_page, standalone_page
 from omnimirror.io import read_image, write_image
+from omnimirror.io.video_frames import frame_of_image
+from omnimirror.io.video_writer import VideoWriter
 from omnimirror.optics.mirrors import Sphere
 
 from .browser import command, view_pixels
@@ -17,6 +19,19 @@ from .firefox import running
 from .images import pattern, psnr, python_view
 
 VIEW, BENCH = "window.omnimirror.look", "window.omnimirror.tabs.design"
+
+RECORD_DOWNLOADS = """((create) => {
+  const blobs = new Map();
+  window.saved = new Map();
+  URL.createObjectURL = (blob) => {
+    const url = create(blob);
+    blobs.set(url, blob);
+    return url;
+  };
+  HTMLAnchorElement.prototype.click = function () {
+    window.saved.set(this.download, blobs.get(this.href));
+  };
+})(URL.createObjectURL.bind(URL))"""
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +93,72 @@ def test_calibrate_tab_opens(page, server):
     page.open(f"{server}#tab=calibrate")
     page.wait("document.querySelector('#calibrate .desk')")
     assert page.evaluate("document.querySelector('#banner').hidden")
+
+
+def open_empty(page, server: str) -> None:
+    """Open the empty page without the state of earlier tests."""
+    page.open("about:blank")
+    page.open(server)
+    page.evaluate("(localStorage.clear(), sessionStorage.clear())")
+    page.open("about:blank")
+    page.open(server)
+    page.wait(f"{VIEW}.sensor.camera")
+
+
+def test_first_image_is_detected_and_its_mirror_type_selected(page, server, tmp_path):
+    v, u = np.mgrid[:480, :700]
+    sectors = 120 + 80 * np.sign(np.sin(11 * np.arctan2(v - 215, u - 390)))
+    disc = np.where(np.hypot(u - 390, v - 215) < 180, sectors, 12)
+    write_image(tmp_path / "ball.png", disc.astype(np.uint8))
+    open_empty(page, server)
+    page.choose("#file", tmp_path / "ball.png")
+    page.wait("!document.querySelector('#ask').hidden")
+    circle = page.evaluate("window.omnimirror.store.state.rim")
+    np.testing.assert_allclose(circle, [390, 215, 180], atol=0.5)
+    page.click("#ask .answers button")
+    page.wait(f"{VIEW}.sensor.camera.model.id === 'ball:340'")
+    assert (view_pixels(page, 200, 100)[..., 3] > 0).mean() > 0.5
+
+
+def test_uncertain_outline_is_confirmed(page, server, tmp_path):
+    write_image(tmp_path / "waves.png", pattern((500, 400)))
+    open_empty(page, server)
+    page.choose("#file", tmp_path / "waves.png")
+    page.wait("!document.querySelector('#fit').hidden")
+    page.click("#fit-done")
+    page.wait("!document.querySelector('#ask').hidden")
+    assert page.evaluate("window.omnimirror.store.state.rim.length") == 3
+
+
+def test_video_is_displayed(page, server, tmp_path):
+    with VideoWriter(tmp_path / "ride.webm", (320, 240), 10) as video:
+        for level in range(40, 240, 20):
+            video.write(frame_of_image(np.full((240, 320, 3), level, np.uint8)))
+    open_empty(page, server)
+    page.choose("#file", tmp_path / "ride.webm")
+    page.wait(f"{VIEW}.feed?.name === 'ride.webm'")
+    assert page.evaluate(f"[{VIEW}.feed.width, {VIEW}.feed.height]") == [320, 240]
+
+
+def test_design_is_exported(page, server):
+    page.open("about:blank")
+    page.open(f"{server}#tab=design")
+    page.wait(f"{BENCH}.evaluations[0].summary")
+    page.evaluate(RECORD_DOWNLOADS)
+    page.evaluate(
+        "[...document.querySelectorAll('button')].find((b) => b.textContent === 'Export…').click()"
+    )
+    page.wait("document.querySelector('dialog[open]')")
+    page.evaluate(
+        "[...document.querySelectorAll('dialog[open] button')]"
+        ".find((b) => b.ariaLabel?.startsWith('Download Sag table')).click()"
+    )
+    page.wait("window.saved.has('paper-spherical-sag.csv')")
+    table = page.evaluate("window.saved.get('paper-spherical-sag.csv').text()")
+    heights = [float(line.split(",")[0]) for line in table.splitlines()[1:] if line[:1].isdigit()]
+    assert heights[0] == 0
+    assert heights == sorted(heights)
+    assert len(heights) > 20
 
 
 def test_page_without_server_displays_views_and_designs(page, tmp_path):

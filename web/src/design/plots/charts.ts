@@ -1,5 +1,6 @@
 import uPlot from "uplot";
 import { colour, h, save } from "../../shared/dom";
+import { say } from "../../shared/notices";
 import { fixed, words } from "../../shared/numbers";
 import type { Evaluation, Table } from "../evaluation";
 import { type Cursor, interpolated } from "./cursor";
@@ -87,7 +88,11 @@ export class ChartView {
         "figcaption",
         { title: `${chart.title}: ${chart.hint}` },
         h("span", {}, title),
-        files(chart.title, (kind) => this.save(kind)),
+        files(
+          chart.title,
+          () => this.plot !== null,
+          (kind) => this.save(kind),
+        ),
       ),
       this.readout,
       this.layer,
@@ -457,9 +462,10 @@ export function dashes(dots: number, isDashed = false): number[] | undefined {
   return [DASH, gap, ...Array.from({ length: dots }, () => [DOT, gap]).flat()];
 }
 
-/** Create the buttons that save a plot. */
+/** Create the buttons that save a plot, which requires values. */
 export function files(
   title: string,
+  hasValues: () => boolean,
   saved: (kind: "svg" | "csv") => void,
   kinds: readonly ("svg" | "csv")[] = ["svg", "csv"],
 ): HTMLElement {
@@ -473,7 +479,10 @@ export function files(
           type: "button",
           "aria-label": `Save ${title} as ${kind.toUpperCase()}`,
           title: `Save as ${kind.toUpperCase()}`,
-          onclick: () => saved(kind),
+          onclick: () =>
+            hasValues()
+              ? saved(kind)
+              : say(`No values are available for ${title}; wait for the evaluation.`),
         },
         kind.toUpperCase(),
       ),

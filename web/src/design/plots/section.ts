@@ -80,7 +80,12 @@ export class SectionView {
         {},
         h("span", {}, "Cross-section"),
         this.note,
-        files("the cross-section", () => this.save(), ["svg"]),
+        files(
+          "the cross-section",
+          () => this.drawn.length > 0,
+          () => this.save(),
+          ["svg"],
+        ),
       ),
       this.readout,
       this.pair,

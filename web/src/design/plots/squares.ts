@@ -40,7 +40,12 @@ export class SquaresView {
         { className: "quiet" },
         "spots magnified 10 times; left: in the image, along its radius; right: in object space, tangential × sagittal",
       ),
-      files("the squares", () => this.save(), ["svg"]),
+      files(
+        "the squares",
+        () => this.first !== null,
+        () => this.save(),
+        ["svg"],
+      ),
     );
     this.element = h(
       "figure",
