@@ -40,6 +40,7 @@ export class ProfileHandles {
         },
       }),
     );
+    for (const element of this.elements) reveal(element, false); // until the first evaluation
     over.append(...this.elements);
   }
 
