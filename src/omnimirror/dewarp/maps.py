@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -369,6 +370,7 @@ class LatticeMap:
         return cells, np.concatenate([self.patches, tiles]).astype(np.float32)
 
 
+@lru_cache(maxsize=64)
 def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
     """Return cubic Lagrange weights (4, step) of the nodes at -1, 0, 1 and 2, every 1/step from
     shift/step.
@@ -376,9 +378,10 @@ def node_weights(step: int, shift: float = 0.0) -> NDArray[np.float32]:
     t = (np.arange(step) + shift) / step
     outer = t * (t - 1) / 6
     inner = (t + 1) * (t - 2) / 2
-    return np.stack([-outer * (t - 2), inner * (t - 1), -inner * t, outer * (t + 1)]).astype(
-        np.float32
-    )
+    weights = np.stack([-outer * (t - 2), inner * (t - 1), -inner * t, outer * (t + 1)])
+    result = weights.astype(np.float32)
+    result.flags.writeable = False
+    return result
 
 
 # -- Polar map: panoramas about the camera axis ----------------------------------------------------

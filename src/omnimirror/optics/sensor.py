@@ -190,7 +190,7 @@ class Sensor:
             )
         return changed
 
-    @property
+    @cached_property
     def is_axial(self) -> bool:
         """True if the sensor is rotationally symmetric: all parts are coaxial."""
         return self._misaligned_part is None
