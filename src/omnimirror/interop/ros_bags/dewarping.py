@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import cv2
 import numpy as np
@@ -177,11 +177,13 @@ def run_bag_dewarping(
         meter = ProgressMeter(on_progress, connection.msgcount or None)
         with interrupts.deferred(), create_bag(output, source) as writer:
             recorder = _Recorder(writer, is_ros1(output))
-            rig = _VirtualRig(dewarping, selection, connection, recorder)
-            copied = _process_messages(reader, connection, others, rig, meter, source)
+            rig = VirtualRig(
+                dewarping, selection.views, connection.topic, recorder, selection.mirror_frame
+            )
+            copied = _process_messages(reader, connection, others, rig, recorder, meter, source)
             exit_code = interrupts.exit_code()
     meter.report()
-    topics = tuple(rig.recorder.connections)
+    topics = tuple(recorder.connections)
     return DewarpedBag(connection.topic, topics, meter.done, copied, tuple(rig.notes), exit_code)
 
 
@@ -230,7 +232,8 @@ def _process_messages(
     reader: Any,
     images: Any,
     others: list[Any],
-    rig: _VirtualRig,
+    rig: VirtualRig,
+    recorder: _Recorder,
     meter: ProgressMeter,
     source: Path,
 ) -> int:
@@ -239,7 +242,7 @@ def _process_messages(
     connections = [c for c in reader.connections if _key(c) in keys | {image_key}]
     for connection, timestamp, data in _messages(reader, connections, source):
         if _key(connection) in keys:
-            rig.recorder.copy(reader, connection, timestamp, data)
+            recorder.copy(reader, connection, timestamp, data)
             copied += 1
         if _key(connection) == image_key:
             with read_errors(source):
@@ -352,32 +355,61 @@ class _VirtualCamera(NamedTuple):
     """None for views that are not perspective."""
 
 
-class _VirtualRig:
-    """Virtual cameras of a bag, created with the first image."""
+class MessageSink(Protocol):
+    """Destination of messages: a bag or the publishers of a node."""
+
+    factory: MessageFactory
+
+    def write(self, topic: str, message: Any, timestamp: int, *, latched: bool = False) -> None:
+        """Write a message of :attr:`factory`."""
+
+
+class VirtualRig:
+    """Virtual cameras that dewarp the images of a topic, created with the first image.
+
+    Parameters
+    ----------
+    dewarping
+        Camera and resampling.
+    views
+        Views by name.
+    topic
+        Topic of the images; outputs are in its namespace.
+    sink
+        Destination of images, camera_info and transforms.
+    mirror_frame
+        Existing TF frame of the mirror; None for a new frame.
+    """
 
     def __init__(
         self,
         dewarping: DewarpRequest,
-        selection: BagSelection,
-        connection: Any,
-        recorder: _Recorder,
+        views: Views,
+        topic: str,
+        sink: MessageSink,
+        mirror_frame: str | None = None,
     ) -> None:
-        self.dewarping, self.selection, self.recorder = dewarping, selection, recorder
-        self.topic = connection.topic
+        self.dewarping, self.views, self.topic = dewarping, views, topic
+        self.sink, self.mirror_frame = sink, mirror_frame
         self.notes: list[str] = []
-        base = self.topic
-        if connection.msgtype == COMPRESSED_IMAGE:
-            base = base.removesuffix("/compressed")
-        self._namespace = base.rpartition("/")[0]
+        self._namespace = topic.removesuffix("/compressed").rpartition("/")[0]
         self._cameras: list[_VirtualCamera] = []
 
-    def dewarp(self, message: Any, timestamp: int) -> None:
-        """Write every view of the image in a message."""
+    def dewarp(self, message: Any, timestamp: int = 0) -> None:
+        """Write every view of the image in a message.
+
+        Raises
+        ------
+        InvalidParameter
+            If the image does not have the size of the camera, or a view is outside the field.
+        MediaError
+            If the encoding is unknown, or the message is inconsistent.
+        """
         source = decode_image(message, self.topic)
         stamp, optical_frame = message.header.stamp, message.header.frame_id
         if not self._cameras:
             self._create_cameras(source, stamp, optical_frame, timestamp)
-        factory = self.recorder.factory
+        factory = self.sink.factory
         for camera in self._cameras:
             header = factory.header(stamp, _optical_frame(optical_frame, camera.name))
             view = camera.dewarper(source.image)
@@ -385,13 +417,13 @@ class _VirtualRig:
             if source.is_compressed:
                 content = encode_compressed(view, source.encoding)
                 image = factory.compressed_image(header, *content)
-                self.recorder.write(f"{namespace}/image_rect/compressed", image, timestamp)
+                self.sink.write(f"{namespace}/image_rect/compressed", image, timestamp)
             else:
                 image = factory.image(header, *encode_raw(view, source.encoding))
-                self.recorder.write(f"{namespace}/image_rect", image, timestamp)
+                self.sink.write(f"{namespace}/image_rect", image, timestamp)
             if camera.pinhole is not None:
                 info = factory.camera_info(header, camera.pinhole)
-                self.recorder.write(f"{namespace}/camera_info", info, timestamp)
+                self.sink.write(f"{namespace}/camera_info", info, timestamp)
 
     def _create_cameras(
         self, source: MessageImage, stamp: Any, optical_frame: str, timestamp: int
@@ -400,19 +432,20 @@ class _VirtualRig:
         height, width = source.image.shape[:2]
         camera = self.dewarping.view_camera(self.dewarping.camera_of((width, height)))
         border = self.dewarping.border.for_image(source.image) if self.dewarping.border else 0
-        factory, transforms = self.recorder.factory, []
+        factory, transforms = self.sink.factory, []
         parent = optical_frame or "camera"
-        mirror_frame = self.selection.mirror_frame or f"{parent}_mirror"
+        mirror_frame = self.mirror_frame or f"{parent}_mirror"
         pose = mirror_in_optical_frame(camera)
-        if self.selection.mirror_frame is None and pose is not None:
+        if self.mirror_frame is None and pose is not None:
             transforms.append(factory.transform(stamp, parent, mirror_frame, *pose))
-        for name, view in self.selection.views.items():
+        cameras = []
+        for name, view in self.views.items():
             screen = view(camera) if callable(view) else view
             dewarper = self.dewarping.dewarper(camera, screen, border, keep_map=True)
             pinhole = None
             if isinstance(screen, Plane):
                 pinhole = equivalent_pinhole(camera, screen, self.dewarping.viewpoint)
-            self._cameras.append(_VirtualCamera(name, dewarper, pinhole))
+            cameras.append(_VirtualCamera(name, dewarper, pinhole))
             if pinhole is None:
                 self.notes.append(
                     f"{name}: no camera_info, because the {screen} is no pinhole image"
@@ -423,9 +456,10 @@ class _VirtualRig:
             transforms.append(
                 factory.transform(stamp, mirror_frame, child, pinhole.rotation, pinhole.position_mm)
             )
-        if any(camera.pinhole for camera in self._cameras):
+        self._cameras = cameras
+        if any(camera.pinhole for camera in cameras):
             message = factory.tf_message(transforms)
-            self.recorder.write(TF_STATIC, message, timestamp, latched=True)
+            self.sink.write(TF_STATIC, message, timestamp, latched=True)
 
 
 def _optical_frame(optical_frame: str, name: str) -> str:
