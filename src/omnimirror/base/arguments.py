@@ -299,7 +299,8 @@ def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], expecte
         if not isinstance(value, kind):
             raise InvalidType(f"{name} must be {expected}; got {format_value(value)}")
         _matching_types.add((type(value), kind))
-    return value
+    match: T = value
+    return match
 
 
 _matching_types: set[tuple[type, type | tuple[type, ...]]] = set()

@@ -1,6 +1,5 @@
 import uPlot from "uplot";
-import { colour, h, save } from "../../shared/dom";
-import { say } from "../../shared/notices";
+import { colour, h, reveal, save } from "../../shared/dom";
 import { fixed, words } from "../../shared/numbers";
 import type { Evaluation, Table } from "../evaluation";
 import { type Cursor, interpolated } from "./cursor";
@@ -88,11 +87,7 @@ export class ChartView {
         "figcaption",
         { title: `${chart.title}: ${chart.hint}` },
         h("span", {}, title),
-        files(
-          chart.title,
-          () => this.plot !== null,
-          (kind) => this.save(kind),
-        ),
+        files(chart.title, (kind) => this.save(kind)),
       ),
       this.readout,
       this.layer,
@@ -119,6 +114,7 @@ export class ChartView {
       this.plot = new uPlot(this.options(), data, this.place);
       this.shape = shape;
     }
+    revealFiles(this.element);
     if (this.layer.matches(":hover")) this.read(this.cursor.omega);
     else this.point(this.cursor.omega, null);
   }
@@ -462,16 +458,15 @@ export function dashes(dots: number, isDashed = false): number[] | undefined {
   return [DASH, gap, ...Array.from({ length: dots }, () => [DOT, gap]).flat()];
 }
 
-/** Create the buttons that save a plot, which requires values. */
+/** Create the buttons that save a plot; hidden until {@link revealFiles}. */
 export function files(
   title: string,
-  hasValues: () => boolean,
   saved: (kind: "svg" | "csv") => void,
   kinds: readonly ("svg" | "csv")[] = ["svg", "csv"],
 ): HTMLElement {
   return h(
     "span",
-    { className: "files" },
+    { className: "files", hidden: true },
     ...kinds.map((kind) =>
       h(
         "button",
@@ -479,13 +474,15 @@ export function files(
           type: "button",
           "aria-label": `Save ${title} as ${kind.toUpperCase()}`,
           title: `Save as ${kind.toUpperCase()}`,
-          onclick: () =>
-            hasValues()
-              ? saved(kind)
-              : say(`No values are available for ${title}; wait for the evaluation.`),
+          onclick: () => saved(kind),
         },
         kind.toUpperCase(),
       ),
     ),
   );
+}
+
+/** Show the buttons of a plot, which has values now. */
+export function revealFiles(plot: HTMLElement): void {
+  reveal(plot.querySelector<HTMLElement>(".files")!, true);
 }

@@ -3,7 +3,7 @@ import { roundUp, words } from "../../shared/numbers";
 import type { EditCallbacks } from "../handles/handle";
 import { ProfileHandles } from "../handles/profile";
 import { blocksLike, type Table } from "../evaluation";
-import { dashes, type Drawn, files } from "./charts";
+import { dashes, type Drawn, files, revealFiles } from "./charts";
 import { type Cursor, interpolated } from "./cursor";
 import { Drawing } from "./drawing";
 import { standalone } from "./export";
@@ -80,12 +80,7 @@ export class SectionView {
         {},
         h("span", {}, "Cross-section"),
         this.note,
-        files(
-          "the cross-section",
-          () => this.drawn.length > 0,
-          () => this.save(),
-          ["svg"],
-        ),
+        files("the cross-section", () => this.save(), ["svg"]),
       ),
       this.readout,
       this.pair,
@@ -98,6 +93,7 @@ export class SectionView {
 
   show(drawn: Drawn[]): void {
     this.drawn = drawn.filter((d) => d.evaluation.block("mirror"));
+    if (this.drawn.length) revealFiles(this.element);
     this.draw();
   }
 

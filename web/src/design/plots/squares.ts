@@ -1,7 +1,7 @@
 import { h, save, svg } from "../../shared/dom";
 import { words } from "../../shared/numbers";
 import type { Table } from "../evaluation";
-import { type Drawn, files } from "./charts";
+import { type Drawn, files, revealFiles } from "./charts";
 import { Drawing } from "./drawing";
 import { standalone } from "./export";
 import { Sizes } from "./sizes";
@@ -40,12 +40,7 @@ export class SquaresView {
         { className: "quiet" },
         "spots magnified 10 times; left: in the image, along its radius; right: in object space, tangential × sagittal",
       ),
-      files(
-        "the squares",
-        () => this.first !== null,
-        () => this.save(),
-        ["svg"],
-      ),
+      files("the squares", () => this.save(), ["svg"]),
     );
     this.element = h(
       "figure",
@@ -58,6 +53,7 @@ export class SquaresView {
 
   show(drawn: Drawn[]): void {
     this.first = drawn[0]?.evaluation.block("squares") ? drawn[0] : null;
+    if (this.first) revealFiles(this.element);
     this.draw();
   }
 
