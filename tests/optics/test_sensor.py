@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -200,3 +201,12 @@ def test_sensor_is_camera_with_symmetry():
 def test_invalid_parts_rejected(make, message):
     with pytest.raises(InvalidParameter, match=message):
         make()
+
+
+def test_sensors_with_cached_symmetry_can_be_pickled():
+    sensor = om.load_sensor("paper-spherical")
+    omega = np.linspace(sensor.symmetry.omega_min, sensor.symmetry.omega_max, 5)
+    copy = pickle.loads(pickle.dumps(sensor))
+    assert copy == sensor
+    np.testing.assert_array_equal(copy.symmetry.radius_px(omega), sensor.symmetry.radius_px(omega))
+    np.testing.assert_array_equal(copy.symmetry.origin_mm(omega), sensor.symmetry.origin_mm(omega))

@@ -526,28 +526,28 @@ class Sensor:
         """Image size (width, height), px."""
         return self.imager.size
 
-    @property
+    @cached_property  # moving views read it several times per frame
     def symmetry(self) -> AxialSymmetry | None:
         """Axial symmetry about the mirror axis; None for a decentred or tilted mirror or lens."""
         if not (self.is_axial and self.lens.is_symmetric):
             return None
-
-        def rays(omega: Array) -> ChiefRays:
-            return self.meridian.trace(self.meridian.x_from_omega(omega))
-
-        def radius_px(omega: Array) -> Array:
-            return self.image_height_px(rays(omega))
-
-        def origin_mm(omega: Array) -> tuple[Array, Array]:
-            x, z = rays(omega).start
-            return x, -z - self.mirror_pose.displacement_mm
-
         u, v = self.imager.centre
         centre = (self.imager.width_px - 1 - u, v) if self.mount.image_flipped else (u, v)
         x, y, z = self._axes.T
         right = -x if self.mount.image_flipped else x
         angles = self.meridian.omega_min, self.meridian.omega_max
-        return AxialSymmetry(centre, -z, right, y, *angles, radius_px, origin_mm)
+        # Bound methods, because sensors with a cached symmetry must support pickling.
+        return AxialSymmetry(centre, -z, right, y, *angles, self._radius_px, self._origin_mm)
+
+    def _rays_at(self, omega: Array) -> ChiefRays:
+        return self.meridian.trace(self.meridian.x_from_omega(omega))
+
+    def _radius_px(self, omega: Array) -> Array:
+        return self.image_height_px(self._rays_at(omega))
+
+    def _origin_mm(self, omega: Array) -> tuple[Array, Array]:
+        x, z = self._rays_at(omega).start
+        return x, -z - self.mirror_pose.displacement_mm
 
     @property
     def axis(self) -> Array:
