@@ -10,7 +10,7 @@ import type { Feed, CameraFeed } from "./feeds/feed";
 import { AdditionalImages } from "./feeds/additional_images";
 import { Recorder } from "./feeds/recorder";
 import { Camera } from "./geometry/camera";
-import { panTiltOf, type Pixel, type Vec3 } from "./geometry/vectors";
+import { panTiltOf, type Pixel, type Vec3 } from "../shared/vectors";
 import { aspectOf, targetIn, type View, viewOf } from "./geometry/views";
 import { CirclePane } from "./panels/circle";
 import { CameraQuestion, type Thumbnail } from "./panels/camera_question";

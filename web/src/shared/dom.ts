@@ -56,6 +56,26 @@ let count = 0;
 /** Return a unique element id. */
 export const unique = (): string => `b${++count}`;
 
+/** Create a form field: an input with its label. */
+export function labelledField(title: string, input: HTMLElement): HTMLElement {
+  input.id ||= unique();
+  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
+}
+
+/** Create a section with a heading. */
+export function titledSection(title: string, ...children: Child[]): HTMLElement {
+  const id = unique();
+  return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
+}
+
+/** Steps right and down of the arrow keys. */
+export const ARROW_STEPS: Record<string, readonly [number, number]> = {
+  ArrowRight: [1, 0],
+  ArrowLeft: [-1, 0],
+  ArrowDown: [0, 1],
+  ArrowUp: [0, -1],
+};
+
 /** Return the value of a colour variable. */
 export const colour = (name: string): string =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -757,15 +757,26 @@ def footprint(
     with np.errstate(all="ignore"):
         surface = MirrorSurface(mirror, reflections.points[:, :2], form)
         _, _, (a, b, c) = _path(surface, pupils, targets)
-        motion = np.broadcast_to(motion, (count, 2, 3))
-        if not pupils.distant:
-            step = reflections.points - pupils.xyz
-            distance = np.linalg.norm(step, axis=1)[:, None, None]
-            u = step[:, :, None] / distance
-            motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
+        motion = direction_derivatives(pupils, reflections.points, motion)
         mixed = np.linalg.det(motion @ surface.tangents.transpose(0, 2, 1))
         area: Array = np.abs(mixed / (a * c - b * b))
     return area
+
+
+def direction_derivatives(pupils: RayEndpoints, points: Array, motion: Array) -> Array:
+    """Return the derivatives (n, 2, 3) of the directions from points (n, 3) to moving pupils.
+
+    The direction u from a pupil at distance d turns by the part of the motion across it:
+    (motion - (motion u) u) / d. Motions of a distant pupil are those of its direction already.
+    """
+    motion = np.broadcast_to(motion, (len(points), 2, 3))
+    if pupils.distant:
+        return motion
+    step = points - pupils.xyz
+    distance = np.linalg.norm(step, axis=1)[:, None, None]
+    u = step[:, :, None] / distance
+    derivatives: Array = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
+    return derivatives
 
 
 def _path(

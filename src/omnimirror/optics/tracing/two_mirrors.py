@@ -26,6 +26,7 @@ from .reflection import (
     ReflectionPoints,
     Reflections,
     circle_clearance,
+    direction_derivatives,
 )
 
 # -- Chief rays over two mirrors -------------------------------------------------------------------
@@ -564,12 +565,7 @@ class FoldedMirror:
         )
         with np.errstate(all="ignore"):
             second, _ = self._surfaces(position)
-            motion = np.broadcast_to(motion, (count, 2, 3))
-            if not pupils.distant:
-                step = second.points - pupils.xyz
-                distance = np.linalg.norm(step, axis=1)[:, None, None]
-                u = step[:, :, None] / distance
-                motion = (motion - (motion @ u) * u.transpose(0, 2, 1)) / distance
+            motion = direction_derivatives(pupils, second.points, motion)
             mixed = np.zeros((count, 4, 2))
             mixed[:, :2] = np.einsum("nai,nbi->nab", second.tangents, motion)
             moved = np.linalg.solve(self._path(pupils, targets, position).second, mixed)[:, 2:]

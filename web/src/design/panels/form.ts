@@ -1,4 +1,4 @@
-import { h, reveal, unique, write } from "../../shared/dom";
+import { h, labelledField, reveal, titledSection, unique, write } from "../../shared/dom";
 import type {
   BenchStart,
   ParameterInfo,
@@ -154,34 +154,31 @@ export class Form {
     this.defaults.clear();
     const { tables } = design;
     this.body.replaceChildren(
-      this.section("Mirror", [
+      titledSection(
+        "Mirror",
         this.name(design),
-        labelled("Type", this.mirror),
+        labelledField("Type", this.mirror),
         ...this.of("mirror", kindOf(this.parts.mirrors, tables.mirror), tables.mirror),
         ...this.distance(design),
-      ]),
+      ),
       ...(tables.mirror_pose
-        ? [this.section("Misalignment", this.pose(tables.mirror_pose as Tables))]
+        ? [titledSection("Misalignment", ...this.pose(tables.mirror_pose as Tables))]
         : []),
       ...(tables.secondary
-        ? [this.section("Second mirror", this.second(tables.secondary as Tables))]
+        ? [titledSection("Second mirror", ...this.second(tables.secondary as Tables))]
         : []),
-      this.section("Lens", [
-        labelled("Type", this.lens),
+      titledSection(
+        "Lens",
+        labelledField("Type", this.lens),
         ...this.of("lens", kindOf(this.parts.lenses, tables.lens), tables.lens),
         this.focus(),
-      ]),
-      this.section("Imager", this.of("imager", this.parts.imager, tables.imager)),
-      this.section("Objects", this.objects(design)),
+      ),
+      titledSection("Imager", ...this.of("imager", this.parts.imager, tables.imager)),
+      titledSection("Objects", ...this.objects(design)),
     );
     const again = [...this.body.querySelectorAll("label")].find((l) => l.textContent === open);
     if (open)
       again?.closest(".field")?.querySelector<HTMLInputElement>("input[type=range]")?.focus();
-  }
-
-  private section(title: string, children: HTMLElement[]): HTMLElement {
-    const id = unique();
-    return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
   }
 
   private of(section: string, part: PartInfo, table: Tables): HTMLElement[] {
@@ -289,7 +286,7 @@ export class Form {
       this.settled(withEntry(this.callbacks.now(), section, p.name, to)),
     );
     select.value = value;
-    return labelled(label(p.name), select);
+    return labelledField(label(p.name), select);
   }
 
   private distance(design: Design): HTMLElement[] {
@@ -437,11 +434,6 @@ function choice(values: readonly string[], chosen: (value: string) => void): HTM
   );
   select.addEventListener("change", () => chosen(select.value));
   return select;
-}
-
-function labelled(title: string, select: HTMLSelectElement): HTMLElement {
-  select.id ||= unique();
-  return h("div", { className: "field" }, h("label", { htmlFor: select.id }, title), select);
 }
 
 const check = (box: HTMLInputElement, title: string): HTMLElement =>

@@ -1,5 +1,5 @@
 import { ServerTask } from "../../shared/api";
-import { h, reveal, unique, write } from "../../shared/dom";
+import { h, labelledField, reveal, unique, write } from "../../shared/dom";
 import type {
   BenchSensor,
   BenchStart,
@@ -101,10 +101,10 @@ export class WorkPanel {
     );
     this.begin.setAttribute("aria-describedby", this.reason.id);
     place.append(
-      labelled("Minimise", this.merit),
-      labelled("Freeform surface", this.shape),
-      labelled("Coefficients", this.terms),
-      labelled("Number of starts", this.starts),
+      labelledField("Minimise", this.merit),
+      labelledField("Freeform surface", this.shape),
+      labelledField("Coefficients", this.terms),
+      labelledField("Number of starts", this.starts),
       this.keepsLabel,
       h("div", { className: "row" }, this.begin, this.design, this.cancel),
       this.reason,
@@ -217,8 +217,3 @@ export class WorkPanel {
 }
 
 const short = (value: number): string => String(Number(value.toPrecision(5))).replace("-", "−");
-
-function labelled(title: string, input: HTMLElement): HTMLElement {
-  input.id = unique();
-  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
-}

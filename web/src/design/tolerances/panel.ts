@@ -1,5 +1,5 @@
 import * as api from "../../shared/api";
-import { h, unique } from "../../shared/dom";
+import { h, labelledField, titledSection } from "../../shared/dom";
 import type {
   AsBuiltRequest,
   ErrorSourceInfo,
@@ -139,8 +139,8 @@ export class TolerancesPanel {
     this.body.append(
       this.focus.element,
       this.after.element,
-      part("Yield", this.grade.element, this.quantity.element, maximum, this.verdict),
-      part("Present errors of this sensor", this.summary, row),
+      titledSection("Yield", this.grade.element, this.quantity.element, maximum, this.verdict),
+      titledSection("Present errors of this sensor", this.summary, row),
       this.problem,
       h("p", { className: "words" }, "Each error: present value ± tolerance of the yield"),
       this.groups,
@@ -410,12 +410,6 @@ export class TolerancesPanel {
   }
 }
 
-/** Create a titled part of the panel. */
-function part(title: string, ...children: HTMLElement[]): HTMLElement {
-  const id = unique();
-  return h("section", { "aria-labelledby": id }, h("h3", { id }, title), ...children);
-}
-
 /** Create a selection with its title; `offer` replaces the options. */
 function select(
   title: string,
@@ -426,7 +420,7 @@ function select(
   input: HTMLSelectElement;
   offer: (all: readonly (readonly [string, string])[], value: string) => void;
 } {
-  const input = h("select", { id: unique() });
+  const input = h("select");
   const offer = (options: readonly (readonly [string, string])[], value: string): void => {
     input.replaceChildren(...options.map(([name, text]) => h("option", { value: name }, text)));
     input.value = value;
@@ -434,7 +428,7 @@ function select(
   offer(all, all[0][0]);
   input.addEventListener("change", chosen);
   return {
-    element: h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input),
+    element: labelledField(title, input),
     input,
     offer,
   };

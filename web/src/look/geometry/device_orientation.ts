@@ -1,4 +1,4 @@
-import { RAD, type Vec3 } from "./vectors";
+import { RAD, type Vec3 } from "../../shared/vectors";
 
 /** Orientation of a device relative to the earth, degrees, as reported by browsers: rotations about up, its right axis and its top axis. */
 export interface Orientation {

@@ -1,5 +1,5 @@
 import { clamp } from "../../shared/numbers";
-import { cross, dot, RAD, sum, times, type Vec3, viewAxes } from "./vectors";
+import { cross, dot, RAD, sum, times, type Vec3, viewAxes } from "../../shared/vectors";
 
 /** Tilt of a sensor, degrees: pitch of the forward axis above the horizon, and clockwise roll about it. */
 export interface Tilt {

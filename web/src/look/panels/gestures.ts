@@ -2,7 +2,7 @@ import { clamp } from "../../shared/numbers";
 import { MODES, type State } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import type { Camera } from "../geometry/camera";
-import { RAD } from "../geometry/vectors";
+import { RAD } from "../../shared/vectors";
 import { elevations, isAllHigh, spanOf } from "../geometry/views";
 import { asShown } from "../stage";
 

@@ -8,7 +8,7 @@ import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
 import { raised } from "../geometry/tilt";
-import { panTiltOf, RAD, type Vec3 } from "../geometry/vectors";
+import { panTiltOf, RAD, type Vec3 } from "../../shared/vectors";
 import { elevations } from "../geometry/views";
 import type { Place } from "../stage";
 import type { SensorPanel } from "./sensor";

@@ -1,6 +1,6 @@
 import type { Feed } from "../feeds/feed";
 import type { Circle } from "../geometry/camera";
-import type { Pixel } from "../geometry/vectors";
+import type { Pixel } from "../../shared/vectors";
 
 const SIDE = 132; // px on the screen
 const ENLARGED = 4; // magnification relative to the pane
