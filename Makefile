@@ -71,6 +71,7 @@ programs: $(BIN)/python  ## Install Blender, Newton, GStreamer, OBS, ... for int
 	@{ command -v gst-launch-1.0 && command -v cvlc && command -v qemu-system-arm; } >/dev/null || { \
 	  [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
 	  apt-get -qq update && apt-get -qq install -y gstreamer1.0-tools gstreamer1.0-gl gstreamer1.0-plugins-good \
+	  gstreamer1.0-python3-plugin-loader python3-gst-1.0 \
 	  gir1.2-gst-rtsp-server-1.0 python3-gi vlc-bin vlc-plugin-base \
 	  libobs0 libegl1 libgl1-mesa-dri xvfb xauth glslang-tools spirv-cross qemu-system-arm >/dev/null; } || \
 	  echo "some programs are not installed: their interoperability tests are skipped"

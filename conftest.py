@@ -13,6 +13,7 @@ from tests.cross_validation import Compare, Comparison, version_of, write
 TORCH = "src/omnimirror/interop/torch"
 TORCH_MODULES = ("_camera.py", "_dewarper.py", "_factory.py", "_tables.py")
 collect_ignore = [] if find_spec("torch") else [f"{TORCH}/{name}" for name in TORCH_MODULES]
+collect_ignore += ["src/omnimirror/interop/gstreamer/python"]  # loaded by GStreamer only
 LONG_EXAMPLES = {
     "omnimirror.calibration.estimation._camera_calibration.calibrate_camera",
     "omnimirror.calibration.estimation.calibration_result.Calibration",
