@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, contextmanager
 from dataclasses import replace
@@ -21,6 +22,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
+import yaml
 from starlette.testclient import TestClient
 
 import omnimirror as om
@@ -29,6 +31,7 @@ from omnimirror.interop.gateway import live_views, routes, stream_outputs
 from omnimirror.interop.gateway.live_views import Gateway, LiveView
 from omnimirror.interop.gateway.routes import create_app
 from omnimirror.interop.gateway.stream_outputs import Chunk
+from omnimirror.interop.named_views import parse_view
 from omnimirror.io.live_sources import LiveSource
 from omnimirror.io.video_frames import frame_of_image, image_of_frame
 from omnimirror.io.video_reader import VideoReader
@@ -421,6 +424,39 @@ def test_token_is_required(gateway):
         ):
             with av.open(url, timeout=300) as player:
                 assert next(player.decode(video=0)).width == 160
+
+
+def addresses_of(configuration):
+    """Return the addresses of views in the configuration of a video recorder or media server."""
+    if "paths" in configuration:  # MediaMTX
+        assert all(path["sourceOnDemand"] is True for path in configuration["paths"].values())
+        return {name: path["source"] for name, path in configuration["paths"].items()}
+    streams = configuration.get("go2rtc", configuration)["streams"]
+    for name, camera in configuration.get("cameras", {}).items():  # Frigate reads from its go2rtc
+        (source,) = camera["ffmpeg"]["inputs"]
+        assert source["path"].rpartition("/")[2] == name
+        assert name in streams
+    return streams
+
+
+def test_documented_configurations_of_recorders_open_the_views(film, camera):
+    page = (Path(__file__).parents[3] / "docs/gateway.md").read_text(encoding="utf-8")
+    views = tomllib.loads(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1])
+    configurations = [
+        yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    ]
+    assert len(configurations) == 3
+    addresses = [a for c in configurations for a in addresses_of(c).items()]
+    served_views = {name: parse_view(name, table) for name, table in views.items()}
+    gateway = Gateway(str(film), False, camera, served_views, workers=2)
+    with served(create_app(gateway, "TOKEN")) as address:
+        for name, url in sorted(set(addresses)):
+            local = url.replace(
+                "http://me:TOKEN@machine:8090/", address.replace("//", "//me:TOKEN@")
+            )
+            with av.open(local, timeout=300) as player:
+                frame = next(player.decode(video=0))
+            assert [frame.width, frame.height] == views[name]["size"]
 
 
 def test_segments_need_no_password(gateway):
