@@ -1,4 +1,4 @@
-"""Print the value of GST_PLUGIN_PATH: ``python -m omnimirror.interop.gstreamer``."""
+"""Program that prints the value of GST_PLUGIN_PATH: ``python -m omnimirror.interop.gstreamer``."""
 
 from .frames import PLUGIN_PATH
 
