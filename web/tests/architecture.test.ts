@@ -73,7 +73,7 @@ test("what is computed from cameras and views asks nothing of the page", () => {
   for (const file of pure) {
     expect(files.get(file), file).not.toMatch(/\b(document|window|location)\./);
     for (const path of importsOf(file))
-      expect(path, file).toMatch(/^(look\/geometry\/|shared\/(messages|numbers|state)$)/);
+      expect(path, file).toMatch(/^(look\/geometry\/|shared\/(messages|numbers|state|vectors)$)/);
   }
 });
 

@@ -4,7 +4,8 @@ import type { Columns } from "../src/space/host";
 import { axesOf, fitting, matrixOf, moved, nearer, type Orbit, turned } from "../src/space/orbit";
 import { nearest, raysOf } from "../src/space/rays";
 import { boundsOf, edgesOf, frameOf, revolved } from "../src/space/shapes";
-import { transformed, type Vec3 } from "../src/space/vectors";
+import type { Vec3 } from "../src/shared/vectors";
+import { transformed } from "../src/space/vectors";
 
 const ORBIT: Orbit = { target: [10, -20, 30], distance: 400, around: 0.7, above: 0.3 };
 const columns = (name: string, of: Record<string, number[]>): Columns => ({

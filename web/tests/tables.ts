@@ -1,7 +1,7 @@
 import type { CameraInfo } from "../src/shared/messages";
 import { Camera } from "../src/look/geometry/camera";
 import { floats } from "../src/look/embedded";
-import type { Vec3 } from "../src/look/geometry/vectors";
+import type { Vec3 } from "../src/shared/vectors";
 import made from "./fixtures/cameras.json";
 
 type Pairs = [number[], number[] | null][];

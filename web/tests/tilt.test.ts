@@ -1,7 +1,8 @@
 /** Tilt and levelling compared with simple rotations. */
 import { expect, test } from "vitest";
 import { raised, retilted, type Tilt } from "../src/look/geometry/tilt";
-import { RAD, type Vec3 } from "../src/look/geometry/vectors";
+import type { Vec3 } from "../src/shared/vectors";
+import { RAD } from "../src/look/geometry/vectors";
 
 const PLUMB: Tilt = { pitch: 0, roll: 0 };
 const [FORWARD, LEFT, UP]: Vec3[] = [

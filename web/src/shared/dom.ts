@@ -56,6 +56,20 @@ let count = 0;
 /** Return a unique element id. */
 export const unique = (): string => `b${++count}`;
 
+/** Return an input with its title. */
+export function labelled(title: string, input: HTMLElement): HTMLElement {
+  input.id = unique();
+  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
+}
+
+/** Directions (right, down) of the arrow keys. */
+export const ARROWS: Record<string, readonly [number, number]> = {
+  ArrowRight: [1, 0],
+  ArrowLeft: [-1, 0],
+  ArrowDown: [0, 1],
+  ArrowUp: [0, -1],
+};
+
 /** Return the value of a colour variable. */
 export const colour = (name: string): string =>
   getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -1,5 +1,6 @@
 import type { Mesh } from "./shapes";
-import type { Matrix, Vec3 } from "./vectors";
+import type { Vec3 } from "../shared/vectors";
+import type { Matrix } from "./vectors";
 
 /** Red, green, blue, opacity, 0 to 1. */
 export type Ink = readonly [number, number, number, number];

@@ -1,5 +1,6 @@
 import { clamp } from "../shared/numbers";
-import { add, cross, dot, type Matrix, unit, type Vec3 } from "./vectors";
+import { cross, dot, type Vec3 } from "../shared/vectors";
+import { add, type Matrix, unit } from "./vectors";
 
 const FIELD = (34 * Math.PI) / 180; // vertical field of view
 const MAX_ELEVATION = (89.5 * Math.PI) / 180;

@@ -1,6 +1,7 @@
 import { fixed, words } from "../shared/numbers";
 import type { Columns } from "./host";
-import { type Matrix, transformed, type Vec3 } from "./vectors";
+import type { Vec3 } from "../shared/vectors";
+import { type Matrix, transformed } from "./vectors";
 
 const NODES = ["lens", "second", "mirror", "wall", "end"] as const;
 const HALF_TURN = 180;

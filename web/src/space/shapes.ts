@@ -1,5 +1,5 @@
 import type { Columns } from "./host";
-import type { Vec3 } from "./vectors";
+import type { Vec3 } from "../shared/vectors";
 
 const SECTORS = 72;
 const CORNER = 6; // floats per vertex

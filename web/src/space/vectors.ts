@@ -1,18 +1,13 @@
-/** 3-vectors, and 4 x 4 matrices in column-major order as in WebGL. */
+/** Sums of vectors, and 4 x 4 matrices in column-major order as in WebGL. */
 
-export type Vec3 = readonly [number, number, number];
+import type { Vec3 } from "../shared/vectors";
+
 export type Matrix = Float32Array;
 
 export const add = (a: Vec3, b: Vec3, times = 1): Vec3 => [
   a[0] + times * b[0],
   a[1] + times * b[1],
   a[2] + times * b[2],
-];
-export const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-export const cross = (a: Vec3, b: Vec3): Vec3 => [
-  a[1] * b[2] - a[2] * b[1],
-  a[2] * b[0] - a[0] * b[2],
-  a[0] * b[1] - a[1] * b[0],
 ];
 export const unit = (a: Vec3): Vec3 => {
   const length = Math.hypot(...a) || 1;

@@ -6,7 +6,8 @@ import type { EvaluationBlocks, Host } from "./host";
 import { axesOf, fitting, matrixOf, nearOf, type Orbit } from "./orbit";
 import { nearest, type Ray, raysOf } from "./rays";
 import { boundsOf, edgesOf, frameOf, revolved } from "./shapes";
-import { add, type Vec3 } from "./vectors";
+import type { Vec3 } from "../shared/vectors";
+import { add } from "./vectors";
 
 /** Material of a part: colour, opacity, shine. */
 const CAMERA_ORIENTATIONS: Record<string, readonly [ink: string, alpha: number, shine: number]> = {

@@ -1,4 +1,4 @@
-import { h, unique } from "../../shared/dom";
+import { h, labelled } from "../../shared/dom";
 import type { BoardSpec } from "../../shared/messages";
 import { COUNTED, printCommand } from "../formatting";
 
@@ -55,9 +55,9 @@ export class BoardPanel {
         this.rows,
       ),
     );
-    const markers = field("Markers", this.family);
-    const marker = field("Marker, mm", this.marker);
-    const spacing = field("Gap / tag size", this.spacing);
+    const markers = labelled("Markers", this.family);
+    const marker = labelled("Marker, mm", this.marker);
+    const spacing = labelled("Gap / tag size", this.spacing);
     const legacy = h(
       "label",
       { className: "check" },
@@ -90,9 +90,9 @@ export class BoardPanel {
       ),
     );
     place.append(
-      field("Type", this.kind),
+      labelled("Type", this.kind),
       size,
-      field("Square, mm", this.square),
+      labelled("Square, mm", this.square),
       markers,
       marker,
       legacy,
@@ -170,8 +170,3 @@ export class BoardPanel {
 
 const number = (properties: Record<string, unknown>): HTMLInputElement =>
   h("input", { type: "number", ...properties });
-
-function field(title: string, input: HTMLElement): HTMLElement {
-  input.id = unique();
-  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
-}

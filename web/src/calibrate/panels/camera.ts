@@ -1,4 +1,4 @@
-import { h, unique } from "../../shared/dom";
+import { h, labelled } from "../../shared/dom";
 import type { CalibrationOptions, CalibrationRequest } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import { modelsFor, modelWords } from "../formatting";
@@ -57,7 +57,7 @@ export class CameraPanel {
       h(
         "div",
         {},
-        field("Optical axis points", this.looks),
+        labelled("Optical axis points", this.looks),
         h(
           "label",
           { className: "check" },
@@ -68,8 +68,8 @@ export class CameraPanel {
       ),
     );
     place.append(
-      field("Optics", this.optics),
-      field("Model", this.model),
+      labelled("Optics", this.optics),
+      labelled("Model", this.model),
       this.rimRow,
       this.rimWords,
       more,
@@ -135,8 +135,3 @@ export class CameraPanel {
 const select = (all: [string, string][]): HTMLSelectElement =>
   h("select", {}, ...all.map(([value, text]) => h("option", { value }, text)));
 const checkbox = (): HTMLInputElement => h("input", { type: "checkbox" });
-
-function field(title: string, input: HTMLElement): HTMLElement {
-  input.id = unique();
-  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
-}

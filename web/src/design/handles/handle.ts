@@ -1,4 +1,4 @@
-import { h } from "../../shared/dom";
+import { ARROWS, h } from "../../shared/dom";
 import type { CurveEdit } from "../../shared/messages";
 
 /** Deform the mirror until the handle is released. */
@@ -18,12 +18,6 @@ interface Drag {
 }
 
 const [STEP_PX, LARGE_STEP_PX] = [1, 10];
-const ARROWS: Record<string, readonly [number, number]> = {
-  ArrowRight: [1, 0],
-  ArrowLeft: [-1, 0],
-  ArrowDown: [0, 1],
-  ArrowUp: [0, -1],
-};
 
 /** Create a draggable element of a plot; arrow keys move it, with Shift ten times as far. */
 export function handle(className: string, title: string, drag: Drag): HTMLElement {

@@ -1,5 +1,5 @@
 import { ServerTask } from "../../shared/api";
-import { h, reveal, unique, write } from "../../shared/dom";
+import { h, labelled, reveal, unique, write } from "../../shared/dom";
 import type {
   BenchSensor,
   BenchStart,
@@ -217,8 +217,3 @@ export class WorkPanel {
 }
 
 const short = (value: number): string => String(Number(value.toPrecision(5))).replace("-", "−");
-
-function labelled(title: string, input: HTMLElement): HTMLElement {
-  input.id = unique();
-  return h("div", { className: "field" }, h("label", { htmlFor: input.id }, title), input);
-}

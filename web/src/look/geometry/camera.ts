@@ -1,7 +1,8 @@
 import type { CameraInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 import { type Tilt, retilted } from "./tilt";
-import { dot, type Pixel, sum, times, type Vec3 } from "./vectors";
+import { dot, type Vec3 } from "../../shared/vectors";
+import { type Pixel, sum, times } from "./vectors";
 
 /** Image circle: centre and radius, px. */
 export interface Circle {

@@ -1,4 +1,5 @@
-import { RAD, type Vec3 } from "./vectors";
+import type { Vec3 } from "../../shared/vectors";
+import { RAD } from "./vectors";
 
 /** Orientation of a device relative to the earth, degrees, as reported by browsers: rotations about up, its right axis and its top axis. */
 export interface Orientation {

@@ -1,7 +1,8 @@
 import type { CameraRequest, CameraInfo, MountInfo } from "../../shared/messages";
 import { clamp } from "../../shared/numbers";
 import { retilted, turned } from "./tilt";
-import { RAD, type Vec3 } from "./vectors";
+import type { Vec3 } from "../../shared/vectors";
+import { RAD } from "./vectors";
 
 /** Axis opposite to the viewing direction of the camera; positive rotation is clockwise in its image. */
 const BEHIND: Record<MountInfo["camera_looks"], Vec3> = {

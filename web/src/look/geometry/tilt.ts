@@ -1,5 +1,6 @@
 import { clamp } from "../../shared/numbers";
-import { cross, dot, RAD, sum, times, type Vec3, viewAxes } from "./vectors";
+import { cross, dot, type Vec3 } from "../../shared/vectors";
+import { RAD, sum, times, viewAxes } from "./vectors";
 
 /** Tilt of a sensor, degrees: pitch of the forward axis above the horizon, and clockwise roll about it. */
 export interface Tilt {

@@ -1,18 +1,12 @@
-/** Vectors in the world frame: x forward, y left, z up. */
-export type Vec3 = readonly [number, number, number];
+import { cross, type Vec3 } from "../../shared/vectors";
+
 export type Pixel = readonly [number, number];
 
 export const RAD = Math.PI / 180;
 
-export const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 export const times = (k: number, a: Vec3): Vec3 => [k * a[0], k * a[1], k * a[2]];
 export const sum = (...vs: Vec3[]): Vec3 =>
   vs.reduce((a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
-export const cross = (a: Vec3, b: Vec3): Vec3 => [
-  a[1] * b[2] - a[2] * b[1],
-  a[2] * b[0] - a[0] * b[2],
-  a[0] * b[1] - a[1] * b[0],
-];
 
 /** Return the direction of pan (right positive) and tilt (up positive), radians. */
 export function panTiltDirection(pan: number, tilt: number): Vec3 {

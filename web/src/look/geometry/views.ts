@@ -1,7 +1,8 @@
 import { clamp } from "../../shared/numbers";
 import type { State } from "../../shared/state";
 import type { Camera } from "./camera";
-import { panTiltDirection, RAD, sum, times, type Vec3, viewAxes } from "./vectors";
+import type { Vec3 } from "../../shared/vectors";
+import { panTiltDirection, RAD, sum, times, viewAxes } from "./vectors";
 
 /** Types of screens, numbered as in the shader. */
 export const SHAPES = { panorama: 0, plane: 1, polar: 2, planet: 3, ground: 4 } as const;

@@ -1,4 +1,4 @@
-import { byId, svg } from "../../shared/dom";
+import { ARROWS, byId, svg } from "../../shared/dom";
 import type { Feed } from "../feeds/feed";
 import type { Camera, Circle } from "../geometry/camera";
 import type { Pixel } from "../geometry/vectors";
@@ -7,12 +7,6 @@ import { Magnifier } from "./magnifier";
 
 const PER_SIDE = 48;
 const HANDLE = 7; // px on the screen
-const STEPS: Record<string, readonly [number, number]> = {
-  ArrowRight: [1, 0],
-  ArrowLeft: [-1, 0],
-  ArrowDown: [0, 1],
-  ArrowUp: [0, -1],
-};
 const COARSE = 10; // with the Shift key
 
 /** Raw image with the outline of the view, and handles to fit the circle. */
@@ -126,7 +120,7 @@ export class CirclePane {
 
   /** Move the centre or change the radius by arrow keys (right, up: larger); with Shift by 10 px. */
   private key(e: KeyboardEvent, which: Handle): void {
-    const step = STEPS[e.key];
+    const step = ARROWS[e.key];
     if (!step || !this.camera) return;
     e.preventDefault();
     const [du, dv] = step.map((s) => s * (e.shiftKey ? COARSE : 1));
