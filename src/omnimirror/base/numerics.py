@@ -86,6 +86,37 @@ def increasing_root(
     return x
 
 
+def increasing_inverse(
+    function: Callable[[Array], tuple[Array, Array]], values: Array, nodes: Array, at_nodes: Array
+) -> Array:
+    """Invert an increasing function with a table of it; values beyond the table give its ends.
+
+    Parameters
+    ----------
+    function
+        Maps x (n,) to f (n,) and df/dx (n,).
+    values : (n,)
+        Values of f.
+    nodes, at_nodes : (k,)
+        Table of x and f, from which brackets and initial values are taken.
+
+    Examples
+    --------
+    >>> x = np.linspace(0.0, 3.0, 4)
+    >>> increasing_inverse(lambda x: (x**3, 3 * x**2), np.array([8.0, 99.0]), x, x**3)
+    array([2., 3.])
+    """
+    inside = np.clip(values, at_nodes[0], at_nodes[-1])
+    cell = np.clip(np.searchsorted(at_nodes, inside) - 1, 0, len(nodes) - 2)
+
+    def difference(x: Array) -> tuple[Array, Array]:
+        f, df = function(x)
+        return f - inside, df
+
+    start = np.interp(inside, at_nodes, nodes)
+    return increasing_root(difference, nodes[cell], nodes[cell + 1], start, float(nodes[-1]))
+
+
 def sign_change(function: Callable[[float], float], low: float, high: float, xtol: float) -> float:
     """Return the position between ``low`` and ``high`` at which a function changes its sign.
 

@@ -1,4 +1,4 @@
-"""Straight edges: tables of marked points, plumb-line fit, and observations of a bundle adjustment."""
+"""Straight edges: tables of points, plumb-line fit, and observations of a bundle adjustment."""
 
 from __future__ import annotations
 
@@ -16,37 +16,109 @@ from ..base.errors import InvalidParameter, OmnimirrorError
 from ..base.files import read_text
 from ..base.numerics import damped_step, levenberg_marquardt
 from ..base.typing import Array, Mask
-from ..cameras.camera import rotate_vectors
+from ..cameras.camera import perpendicular_axes, rotate_vectors
 from ..cameras.models.camera_model import CameraModel
 
-# -- CSV cells -------------------------------------------------------------------------------------
+# -- Tables of points ------------------------------------------------------------------------------
+
+IMAGE_COLUMN = "image"
+"""Optional column of tables with points of several images."""
 
 
-def csv_cells(line: str, location: str) -> list[str]:
-    """Return the cells of a line."""
+class TableRow(NamedTuple):
+    """Line of a table of points."""
+
+    location: str
+    """File and line number."""
+    cells: dict[str, str]
+    """Text by column."""
+
+    def number(self, name: str) -> float:
+        """Return the number in a column."""
+        try:
+            value = parse_float(self.cells[name])
+        except ValueError:
+            value = float("nan")
+        if not np.isfinite(value):
+            raise InvalidParameter(
+                f"{self.location}: {name} must be a finite number; "
+                f"got {format_value(self.cells[name])}"
+            )
+        return value
+
+
+def read_point_table(
+    path: Path, contents: str, column_sets: Sequence[tuple[str, ...]]
+) -> tuple[tuple[str, ...], list[TableRow]]:
+    """Read a CSV table with a header line; lines that start with ``#`` are comments.
+
+    Parameters
+    ----------
+    path
+        File.
+    contents
+        Description of the contents for messages.
+    column_sets
+        Valid sets of columns, to which :data:`IMAGE_COLUMN` may be added.
+
+    Returns
+    -------
+    columns
+        Set of columns of the file.
+    rows
+        Lines after the header.
+
+    Raises
+    ------
+    InvalidParameter
+        If the file is missing, has no lines after the header or other columns, or a line has
+        another number of cells than the header.
+    """
+    text = read_text(
+        path,
+        contents,
+        InvalidParameter,
+        f"cannot read the points {path}: the file does not exist",
+    )
+    lines = [
+        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
+    ]
+    if len(lines) < 2:
+        raise InvalidParameter(
+            f"{path} contains no points; its first line must be {','.join(column_sets[0])}"
+        )
+    (number, header), *rest = lines
+    names = _cells(header, f"line {number} of {path}")
+    columns = next((c for c in column_sets if set(names) - {IMAGE_COLUMN} == set(c)), None)
+    if columns is None or len(set(names)) < len(names):
+        raise InvalidParameter(
+            f"line {number} of {path}: the columns must be "
+            f"{' or '.join(map(','.join, column_sets))}, and "
+            f"{IMAGE_COLUMN} for several images; got {format_value(header)}"
+        )
+    return columns, [_table_row(f"{path.name} line {n}", names, line) for n, line in rest]
+
+
+def _table_row(location: str, names: list[str], line: str) -> TableRow:
+    cells = _cells(line, location)
+    if len(cells) != len(names):
+        raise InvalidParameter(
+            f"{location} must have {len(names)} values, as the first line; got {len(cells)}"
+        )
+    return TableRow(location, dict(zip(names, cells, strict=True)))
+
+
+def _cells(line: str, location: str) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as e:
         raise InvalidParameter(f"{location} is not valid CSV: {e}") from None
 
 
-def csv_number(entries: dict[str, str], name: str, location: str) -> float:
-    """Return the number in a cell."""
-    try:
-        value = parse_float(entries[name])
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise InvalidParameter(
-            f"{location}: {name} must be a finite number; got {format_value(entries[name])}"
-        )
-    return value
-
-
 # -- Tables of edge points -------------------------------------------------------------------------
 
 COLUMNS = ("line", "u_px", "v_px")
-IMAGE_COLUMN, DEFAULT_IMAGE_NAME = "image", "image"  # name of a single image
+DEFAULT_IMAGE_NAME = "image"  # name of a single image
 MIN_MARKED_POINTS = 3
 """Minimum number of points on an edge; two always fit the image of a straight line."""
 
@@ -83,8 +155,10 @@ def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]
     """
     points: dict[str, dict[str, list[tuple[float, float]]]] = {}
     for path in map(Path, paths):
-        for image, edge, pixel in _points(path):
-            points.setdefault(image, {}).setdefault(edge, []).append(pixel)
+        for row in read_point_table(path, "points on lines", (COLUMNS,))[1]:
+            image = row.cells.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME
+            pixel = row.number("u_px"), row.number("v_px")
+            points.setdefault(image, {}).setdefault(row.cells["line"], []).append(pixel)
         for image, edges in points.items():
             for edge, pixels in edges.items():
                 if len(pixels) < MIN_MARKED_POINTS:
@@ -96,45 +170,6 @@ def read_line_points(paths: Sequence[str | Path]) -> dict[str, tuple[Array, ...]
         image: tuple(np.array(pixels) for pixels in edges.values())
         for image, edges in points.items()
     }
-
-
-def _points(path: Path) -> list[tuple[str, str, tuple[float, float]]]:
-    """Return image, edge and pixel of each line of a file."""
-    text = read_text(
-        path,
-        "points on lines",
-        InvalidParameter,
-        f"cannot read the points {path}: the file does not exist",
-    )
-    lines = [
-        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
-    ]
-    if len(lines) < 2:
-        raise InvalidParameter(
-            f"{path} contains no points; its first line must be {','.join(COLUMNS)}"
-        )
-    (number, head), *rest = lines
-    columns = csv_cells(head, f"line {number} of {path}")
-    if set(columns) - {IMAGE_COLUMN} != set(COLUMNS) or len(set(columns)) < len(columns):
-        raise InvalidParameter(
-            f"line {number} of {path}: the columns must be {','.join(COLUMNS)}, and "
-            f"{IMAGE_COLUMN} for several images; got {format_value(head)}"
-        )
-    return [_point(f"{path.name} line {n}", columns, line) for n, line in rest]
-
-
-def _point(location: str, columns: list[str], line: str) -> tuple[str, str, tuple[float, float]]:
-    cells = csv_cells(line, location)
-    if len(cells) != len(columns):
-        raise InvalidParameter(
-            f"{location} must have {len(columns)} values, as the first line; got {len(cells)}"
-        )
-    entries = dict(zip(columns, cells, strict=True))
-    return (
-        entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME,
-        entries["line"],
-        (csv_number(entries, "u_px", location), csv_number(entries, "v_px", location)),
-    )
 
 
 # -- Plumb-line fit --------------------------------------------------------------------------------
@@ -286,7 +321,7 @@ def _evaluate(
     normal, slant = _planes(e, j, visible, owner, starts)
     r = np.einsum("ni,ni->n", e, normal[owner]) / slant
     by_normal = (
-        np.einsum("ni,nik->nk", e, _tangents(normal)[owner]) / slant[:, None]
+        np.einsum("ni,nik->nk", e, perpendicular_axes(normal)[owner]) / slant[:, None]
     )  # rotations of the normal n
     by_free = np.einsum("nip,ni->np", change, normal[owner]) @ free.turn / slant[:, None]
     inner = np.add.reduceat(by_normal[:, :, None] * by_normal[:, None, :], starts) + 1e-30 * np.eye(
@@ -361,7 +396,7 @@ def _pixel_directions(
         image = model.image(np.nan_to_num(points), distant=False)
     else:
         image = model.image(np.nan_to_num(directions, nan=1.0), distant=True)
-    across = _tangents(towards)
+    across = perpendicular_axes(towards)
     by_angle = image.d_points @ across * length[:, None, None]
     visible = rays.valid & image.valid & np.isfinite(image.d_parameters).all(axis=(1, 2))
     visible[visible] = np.abs(np.linalg.det(by_angle[visible])) > 0
@@ -377,14 +412,6 @@ def _nearest_point(origins: Array, directions: Array) -> Array:
         across.sum(axis=0), np.einsum("nij,nj->i", across, origins), rcond=None
     )[0]
     return point
-
-
-def _tangents(directions: Array) -> Array:
-    """Return two unit vectors (n, 3, 2) perpendicular to unit vectors (n, 3)."""
-    reference = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(directions, reference)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=2)
 
 
 def _rms(residuals: Array) -> float:

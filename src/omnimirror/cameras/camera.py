@@ -277,6 +277,20 @@ def rotate_vectors(vectors: ArrayLike, matrix: NDArray[np.floating]) -> Array:
     )
 
 
+def perpendicular_axes(directions: Array) -> Array:
+    """Return two orthogonal unit vectors (n, 3, 2) perpendicular to unit vectors (n, 3).
+
+    >>> perpendicular_axes(np.array([[1.0, 0.0, 0.0]]))[0].T + 0.0
+    array([[ 0., -1.,  0.],
+           [ 0.,  0., -1.]])
+    """
+    # any axis not nearly parallel to the direction
+    helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(directions, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(directions, first)], axis=2)
+
+
 def pan_tilt_direction(pan: ArrayLike, tilt: ArrayLike) -> Array:
     """Return the world direction (..., 3) of pan (right) and tilt (up), radians.
 

@@ -12,13 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import finite, format_value, integer, number, validate_arguments
+from ...base.arguments import finite, integer, number, validate_arguments
 from ...base.errors import InvalidParameter
-from ...base.files import read_text
 from ...base.typing import Array, Mask
 from ...cameras.camera import Camera
 from ...cameras.models.camera_model import CameraModel
-from ..straight_edges import csv_cells, csv_number
+from ..straight_edges import IMAGE_COLUMN, TableRow, read_point_table
 from ..targets import Board, Detection
 
 # -- Observations ----------------------------------------------------------------------------------
@@ -452,7 +451,6 @@ PIXEL_COLUMNS = ("u_px", "v_px")
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 DIRECTION_COLUMNS = ("x", "y", "z")
 ANGLE_COLUMNS = ("azimuth_deg", "elevation_deg")
-IMAGE_COLUMN = "image"
 DEFAULT_IMAGE_NAME = "survey"  # if no column names images
 
 
@@ -539,45 +537,17 @@ def read_observations(
 
 def _rows(path: Path, valid: Sequence[tuple[str, ...]], *, is_distant: bool) -> list[_Row]:
     """Return the lines of a file with pixel columns and one of several sets of target columns."""
-    text = read_text(
-        path,
-        "points and directions",
-        InvalidParameter,
-        f"cannot read the points {path}: the file does not exist",
+    columns, rows = read_point_table(
+        path, "points and directions", [(*PIXEL_COLUMNS, *names) for names in valid]
     )
-    lines = [
-        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
-    ]
-    if len(lines) < 2:
-        raise InvalidParameter(
-            f"{path} contains no points; its first line must be {','.join((*PIXEL_COLUMNS, *valid[0]))}"
-        )
-    (number, head), *rest = lines
-    columns = csv_cells(head, f"line {number} of {path}")
-    target = next(
-        (names for names in valid if set(columns) - {IMAGE_COLUMN} == {*PIXEL_COLUMNS, *names}),
-        None,
-    )
-    if target is None or len(set(columns)) < len(columns):
-        column_sets = " or ".join(",".join((*PIXEL_COLUMNS, *names)) for names in valid)
-        raise InvalidParameter(
-            f"line {number} of {path}: the columns must be {column_sets}, and "
-            f"{IMAGE_COLUMN} for several images; got {format_value(head)}"
-        )
-    return [_row(f"{path.name} line {n}", columns, line, target, is_distant) for n, line in rest]
+    target = columns[len(PIXEL_COLUMNS) :]
+    return [_row(row, target, is_distant) for row in rows]
 
 
-def _row(
-    location: str, columns: list[str], line: str, target: tuple[str, ...], is_distant: bool
-) -> _Row:
-    cells = csv_cells(line, location)
-    if len(cells) != len(columns):
-        raise InvalidParameter(
-            f"{location} must have {len(columns)} values, as the first line; got {len(cells)}"
-        )
-    entries = dict(zip(columns, cells, strict=True))
-    u, v = (csv_number(entries, name, location) for name in PIXEL_COLUMNS)
-    numbers = [csv_number(entries, name, location) for name in target]
+def _row(row: TableRow, target: tuple[str, ...], is_distant: bool) -> _Row:
+    location = row.location
+    u, v = map(row.number, PIXEL_COLUMNS)
+    numbers = [row.number(name) for name in target]
     if target == ANGLE_COLUMNS:
         azimuth, elevation = np.radians(numbers)
         if abs(elevation) > np.pi / 2:
@@ -591,7 +561,7 @@ def _row(
     x, y, z = numbers
     return _Row(
         location,
-        entries.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME,
+        row.cells.get(IMAGE_COLUMN) or DEFAULT_IMAGE_NAME,
         (u, v),
         (float(x), float(y), float(z)),
         is_distant,

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.polynomial.polynomial import polyadd, polyder, polymul, polyroots, polysub
 
-from ...base.numerics import increasing_root
+from ...base.numerics import increasing_inverse
 from ...base.typing import Array, Mask
 
 Rows = tuple[Array, Array]
@@ -298,16 +298,11 @@ def undistort_radius(distortion: DistortionModel, radius: Array, end: float) -> 
     radius = np.where(np.isfinite(radius), radius, 0.0)
     high = _bracket_end(distortion, float(radius.max()), end)
     nodes = np.linspace(0.0, high, INVERSION_NODES)
-    values = distortion.radius(nodes)
-    inside = np.minimum(radius, values[-1])
-    cell = np.clip(np.searchsorted(values, inside) - 1, 0, INVERSION_NODES - 2)
-    start = np.interp(inside, values, nodes)
-    return increasing_root(
-        lambda r: (distortion.radius(r) - inside, distortion.rate(r)),
-        nodes[cell],
-        nodes[cell + 1],
-        start,
-        high,
+    return increasing_inverse(
+        lambda r: (distortion.radius(r), distortion.rate(r)),
+        radius,
+        nodes,
+        distortion.radius(nodes),
     )
 
 

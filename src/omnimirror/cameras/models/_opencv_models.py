@@ -10,7 +10,7 @@ from numpy.polynomial.polynomial import polysub, polyval
 
 from ...base.arguments import number
 from ...base.caching import cached_property
-from ...base.numerics import increasing_root
+from ...base.numerics import increasing_inverse
 from ...base.typing import Array
 from ._distortion import (
     MAX_COEFFICIENT,
@@ -116,16 +116,10 @@ class KannalaBrandt(FocalModel):
         return np.asarray(polyval(omega * omega, self._rate_polynomial), dtype=float)
 
     def _inverse_projection(self, radius: Array) -> Array:
-        omegas, radii = self._table
-        inside = np.minimum(radius, radii[-1])
-        cell = np.clip(np.searchsorted(radii, inside) - 1, 0, NODES - 2)
-
-        def difference(omega: Array) -> tuple[Array, Array]:
-            return self._projected_radius(omega) - inside, self._projection_rate(omega)
-
-        start = np.interp(inside, radii, omegas)
-        return increasing_root(
-            difference, omegas[cell], omegas[cell + 1], start, self._projection_end
+        return increasing_inverse(
+            lambda omega: (self._projected_radius(omega), self._projection_rate(omega)),
+            radius,
+            *self._table,
         )
 
     @cached_property

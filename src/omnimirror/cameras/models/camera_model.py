@@ -28,7 +28,15 @@ from ...base.errors import InvalidParameter
 from ...base.parameters import Uncertainty
 from ...base.results import Line, card, field_range, line_drawing, origin
 from ...base.typing import Array, Mask
-from ..camera import AxialSymmetry, Mount, Projection, Rays, inside_image, rotate_vectors
+from ..camera import (
+    AxialSymmetry,
+    Mount,
+    Projection,
+    Rays,
+    inside_image,
+    perpendicular_axes,
+    rotate_vectors,
+)
 from ._distortion import (
     MAX_COEFFICIENT,
     DistortedPoints,
@@ -200,7 +208,7 @@ def direction_covariance(model: CameraModel, covariance: Array, directions: Arra
     plane across d. NaN outside the field of view.
     """
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return direction_covariance_at(model, covariance, unit, _perpendicular_axes(unit), distant=True)
+    return direction_covariance_at(model, covariance, unit, perpendicular_axes(unit), distant=True)
 
 
 def direction_covariance_at(
@@ -285,14 +293,6 @@ def major_sigma(spread: Array) -> Array:
     # larger eigenvalue of [[a, b], [b, c]]
     sigma: Array = np.sqrt(np.maximum((a + c) / 2 + np.hypot((a - c) / 2, b), 0.0))
     return sigma
-
-
-def _perpendicular_axes(directions: Array) -> Array:
-    """Return two unit vectors (n, 3, 2) orthogonal to unit vectors (n, 3)."""
-    helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(directions, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=2)
 
 
 # -- Notebook card -----------------------------------------------------------

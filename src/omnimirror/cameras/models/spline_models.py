@@ -11,7 +11,7 @@ import numpy as np
 from ...base.arguments import finite, format_value, integer, number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
-from ...base.numerics import increasing_root
+from ...base.numerics import increasing_inverse, increasing_root
 from ...base.typing import Array
 from ._distortion import MIN_RATE
 from .camera_model import MAX_PX, AngleRates, ParameterSlot, RadialModel, RadialProjection
@@ -157,16 +157,8 @@ class SplineModel(RadialModel):
         return RadialProjection(self._spline(omega), self._spline(omega, 1), self._basis(omega))
 
     def _inverse_projection(self, radius: Array) -> Array:
-        omegas, radii = self._table
-        inside = np.clip(radius, 0.0, radii[-1])
-        cell = np.clip(np.searchsorted(radii, inside) - 1, 0, len(radii) - 2)
-
-        def difference(omega: Array) -> tuple[Array, Array]:
-            return self._spline(omega) - inside, self._spline(omega, 1)
-
-        start = np.interp(inside, radii, omegas)
-        return increasing_root(
-            difference, omegas[cell], omegas[cell + 1], start, self._projection_end
+        return increasing_inverse(
+            lambda omega: (self._spline(omega), self._spline(omega, 1)), radius, *self._table
         )
 
     @cached_property

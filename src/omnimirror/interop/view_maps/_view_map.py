@@ -16,7 +16,7 @@ from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
 from ...base.results import Columns, Result, pixel_grid
 from ...base.typing import Array
-from ...cameras.camera import Camera
+from ...cameras.camera import Camera, perpendicular_axes
 from ...dewarp import Dewarper
 from ...dewarp.screens import Screen, View, parts_of
 from ...dewarp.view_geometry import Viewpoint, centre_of_projection
@@ -150,10 +150,7 @@ def _targets(screen: Screen, pixels: Array) -> Array:
 
 def _newton(screen: Screen, pixels: Array, origins: Array, directions: Array) -> Array:
     """Return the pixels (n, 2) whose targets lie on the rays; NaN without convergence."""
-    reference = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    across = np.cross(directions, reference)
-    # Two axes perpendicular to the ray; their length scales the residual but not the step.
-    axes = np.stack([across, np.cross(directions, across)], axis=1)
+    axes = perpendicular_axes(directions).transpose(0, 2, 1)
     pixels, solution = pixels.copy(), np.full_like(pixels, np.nan)
     active = np.arange(len(pixels))
     with np.errstate(all="ignore"):  # rays that miss the screen diverge

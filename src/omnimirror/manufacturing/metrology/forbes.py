@@ -12,6 +12,7 @@ from ...base.errors import InvalidParameter
 from ...base.numerics import qbfs_values
 from ...base.typing import Array
 from ...optics.mirrors import Mirror
+from ...optics.mirrors.mirror import conic_profile
 
 POINTS = 400
 MAX_TERMS = 16
@@ -52,7 +53,7 @@ class ForbesAsphere:
         """
         x = numbers("x_mm", x_mm)
         return (
-            _sphere(x, self.radius_mm)
+            sphere_sag(x, self.radius_mm)
             + _terms(x, self.radius_mm, self.rim_radius_mm, len(self.um)) @ self.um / UM
         )
 
@@ -93,7 +94,7 @@ def forbes_asphere(mirror: Mirror, rms_residual_um: float = LEFT_UM) -> ForbesAs
             f"{deep:.4g} mm and a rim radius of {M:g} mm{' with a pointed apex' if mirror.is_pointed else ''}"
         )
     radius = float((deep**2 + M**2) / (2 * deep))
-    departure, basis = UM * (z - _sphere(x, radius)), _terms(x, radius, M, MAX_TERMS)
+    departure, basis = UM * (z - sphere_sag(x, radius)), _terms(x, radius, M, MAX_TERMS)
     for count in range(1, MAX_TERMS + 1):
         result, *_ = np.linalg.lstsq(basis[:, :count], departure, rcond=None)
         residual = float(np.sqrt(np.mean((departure - basis[:, :count] @ result) ** 2)))
@@ -102,10 +103,9 @@ def forbes_asphere(mirror: Mirror, rms_residual_um: float = LEFT_UM) -> ForbesAs
     return ForbesAsphere(radius, M, tuple(result.tolist()), residual)
 
 
-def _sphere(x: Array, radius: float) -> Array:
-    square = x**2 / radius
-    sag: Array = square / (1 + np.sqrt(1 - square / radius))
-    return sag
+def sphere_sag(x: Array, radius: float) -> Array:
+    """Compute the sag of a sphere, mm."""
+    return conic_profile(x, radius, 0.0)[0]
 
 
 def _terms(x: Array, radius: float, rim: float, count: int) -> Array:

@@ -25,6 +25,7 @@ from ...base.typing import Array
 from ...optics.mirrors import Mirror, SampledProfile
 from ...optics.mirrors.measured import MAD_TO_SIGMA, check_distance, check_spread
 from .alignment import Alignment, aligned, distances, is_line, outline_centre
+from .forbes import sphere_sag
 
 MIN_POINTS = 200
 MIN_PROFILE_POINTS = 50
@@ -403,9 +404,8 @@ class _Sphere(NamedTuple):
         """Return heights (n,) in mm above the nominal sphere at normalised radii (n,); ``more`` is
         added to R.
         """
-        return _sphere_sag(rho * self.rim, self.radius + more) - _sphere_sag(
-            rho * self.rim, self.nominal
-        )
+        x = rho * self.rim
+        return sphere_sag(x, self.radius + more) - sphere_sag(x, self.nominal)
 
     def less(self, heights: _Heights) -> _Heights:
         """Convert distances from the nominal sphere to distances from the best-fit sphere."""
@@ -434,12 +434,6 @@ class _Sphere(NamedTuple):
             if j in added or abs(um) > MIN_TERM_UM:
                 added[j] = before + um, float(np.hypot(spread, sigma))
         return added
-
-
-def _sphere_sag(x: Array, radius: float) -> Array:
-    square = x**2 / radius
-    sag: Array = square / (1 + np.sqrt(1 - square / radius))
-    return sag
 
 
 # -- fit -------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import number
 from ...base.caching import cached_property
 from ...base.errors import InvalidParameter
-from ...base.numerics import increasing_root
+from ...base.numerics import increasing_inverse
 from ...base.typing import Array
 from .lens import ChiefAim, EntrancePupil, GaussianLens
 
@@ -224,16 +224,8 @@ class LensField:
         with np.errstate(invalid="ignore"):
             in_field = (flat >= 0) & (flat <= self._heights[-1] * (1 + 1e-12))
         tangents = np.full_like(flat, np.nan)
-        h = np.minimum(flat[in_field], self._heights[-1])
-        cell = np.clip(np.searchsorted(self._heights, h) - 1, 0, MONOTONICITY_SAMPLES - 2)
-
-        def difference(t: Array) -> tuple[Array, Array]:
-            value, rate = self.height(t)
-            return value - h, rate
-
-        start = np.interp(h, self._heights, self._tangents)
-        tangents[in_field] = increasing_root(
-            difference, self._tangents[cell], self._tangents[cell + 1], start, self.end
+        tangents[in_field] = increasing_inverse(
+            self.height, flat[in_field], self._tangents, self._heights
         )
         return tangents.reshape(height.shape)
 

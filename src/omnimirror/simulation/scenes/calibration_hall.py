@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import finite, validate_arguments
+from ...base.arguments import validate_arguments
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
@@ -23,7 +23,7 @@ from ._painting import (
     outer_faces,
     surfaces_of_faces,
 )
-from .scene import Box, Face, face_of, rays_inside
+from .scene import Box, Face, corners, face_of, rays_inside
 
 # -- Checkerboards ---------------------------------------------------------------------------------
 
@@ -240,11 +240,8 @@ class Hall:
         InvalidParameter
             If the corners are not points.
         """
-        low_mm, high_mm = (
-            finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm))
-        )
-        inside = (np.array(HALL.low) <= low_mm).all() and (np.array(HALL.high) >= high_mm).all()
-        return _painted(self.texel_mm) if inside else None
+        low_mm, high_mm = corners(low_mm, high_mm)
+        return _painted(self.texel_mm) if HALL.contains(low_mm, high_mm) else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """Return distances (n,) of rays.

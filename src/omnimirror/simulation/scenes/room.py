@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import finite, validate_arguments
+from ...base.arguments import validate_arguments
 from ...base.caching import cached_property
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
@@ -29,7 +29,7 @@ from ._painting import (
     outer_faces,
     surfaces_of_faces,
 )
-from .scene import FACES, Box, Face, face_of, intersect_boxes, rays_inside
+from .scene import FACES, Box, Face, corners, face_of, intersect_boxes, rays_inside
 
 # -- Decoration ------------------------------------------------------------------------------------
 #
@@ -411,11 +411,8 @@ class Room:
         InvalidParameter
             If the corners are not points.
         """
-        low_mm, high_mm = (
-            finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm))
-        )
-        inside = (np.array(ROOM.low) <= low_mm).all() and (np.array(ROOM.high) >= high_mm).all()
-        return self._faces.surroundings if inside else None
+        low_mm, high_mm = corners(low_mm, high_mm)
+        return self._faces.surroundings if ROOM.contains(low_mm, high_mm) else None
 
     def distance_mm(self, origins_mm: ArrayLike, directions: ArrayLike) -> Array:
         """Return distances (n,) of rays to a wall or a piece of furniture; window panes count as

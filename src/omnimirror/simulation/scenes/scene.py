@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import check_fields, vectors
+from ...base.arguments import check_fields, finite, vectors
 from ...base.caching import cached_property
 from ...base.colour import Light, hex_colour
 from ...base.errors import InvalidParameter
@@ -298,6 +298,10 @@ class Box:
     low: Point
     high: Point
 
+    def contains(self, low_mm: Array, high_mm: Array) -> bool:
+        """Return whether the box between two corners (3,), mm, is inside."""
+        return bool((self.low <= low_mm).all() and (self.high >= high_mm).all())
+
 
 @dataclass(frozen=True)
 class Face:
@@ -416,6 +420,17 @@ def rays_inside(
             f"got {origins[~inside][0].tolist()} mm"
         )
     return origins, towards
+
+
+def corners(low_mm: Array, high_mm: Array) -> tuple[Array, Array]:
+    """Validate two corners (3,), mm, of a box.
+
+    Raises
+    ------
+    InvalidParameter
+        If the corners are not points.
+    """
+    return finite("low_mm", low_mm, last=3), finite("high_mm", high_mm, last=3)
 
 
 def are_blocked(solids: Sequence[Box], origins_mm: Array, segments: Array) -> NDArray[np.bool_]:

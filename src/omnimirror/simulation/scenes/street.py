@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import finite
 from ...base.colour import Light
 from ...base.errors import InvalidParameter
 from ...base.parameters import Parameter
@@ -25,7 +24,7 @@ from ._painting import (
     surfaces_of_faces,
     under_sky,
 )
-from .scene import Box, Face, combine_surfaces, face_of, rays_from, tree_crown
+from .scene import Box, Face, combine_surfaces, corners, face_of, rays_from, tree_crown
 
 # -- Decoration ------------------------------------------------------------------------------------
 
@@ -337,9 +336,7 @@ class Street:
         InvalidParameter
             If the corners are not points.
         """
-        low_mm, high_mm = (
-            finite(name, v, last=3) for name, v in (("low_mm", low_mm), ("high_mm", high_mm))
-        )
+        low_mm, high_mm = corners(low_mm, high_mm)
         is_free = low_mm[2] >= GROUND_MM and not any(
             _overlap(box, low_mm, high_mm) for _, box in _solids()
         )

@@ -39,6 +39,7 @@ from ....dewarp.request import is_video
 from ....io.batch import READABLE_IMAGE_SUFFIXES, expand_inputs
 from ....optics.camera_files import load_camera
 from ....optics.sensor import Sensor
+from .._board_options import OptionalBoardOptions
 from .._camera_options import OrientationOptions
 from .._declarations import (
     DocumentedCommand,
@@ -60,7 +61,6 @@ from .._output import (
     print_written,
     progress_bar,
 )
-from .board import OptionalBoardOptions
 
 MAX_OUTLIERS = 12
 
