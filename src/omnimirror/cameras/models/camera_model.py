@@ -200,7 +200,7 @@ def direction_covariance(model: CameraModel, covariance: Array, directions: Arra
     plane across d. NaN outside the field of view.
     """
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return direction_covariance_at(model, covariance, unit, _perpendicular_axes(unit), distant=True)
+    return direction_covariance_at(model, covariance, unit, perpendicular_axes(unit), distant=True)
 
 
 def direction_covariance_at(
@@ -210,7 +210,21 @@ def direction_covariance_at(
 
     Targets are in the camera frame.
     """
-    spread = np.full((len(targets), 2, 2), np.nan)
+    change, _ = target_changes(model, targets, axes, distant=distant)
+    return change @ covariance @ change.transpose(0, 2, 1)
+
+
+def target_changes(
+    model: CameraModel, targets: Array, axes: Array, *, distant: bool
+) -> tuple[Array, Array]:
+    """Return derivatives of targets (n, 3) along axes (n, 3, 2), both in the camera frame.
+
+    The first array, (n, 2, p), contains the derivatives with respect to the parameters with fixed
+    pixels, ``-(du/dd)^-1 (du/dp)``; the second, (n, 2, 2), those with respect to the pixels,
+    ``(du/dd)^-1``. NaN outside the field of view.
+    """
+    by_parameters = np.full((len(targets), 2, len(model.parameters)), np.nan)
+    by_pixels = np.full((len(targets), 2, 2), np.nan)
     finite_rows = np.flatnonzero(np.isfinite(targets).all(axis=1))
     image = model.image(targets[finite_rows], distant=distant)
     moves = image.d_points @ axes[finite_rows]
@@ -220,9 +234,10 @@ def direction_covariance_at(
         & np.isfinite(image.d_parameters).all(axis=(1, 2))
     )
     is_regular[is_regular] = np.abs(np.linalg.det(moves[is_regular])) > 0
-    change = -np.linalg.solve(moves[is_regular], image.d_parameters[is_regular])
-    spread[finite_rows[is_regular]] = change @ covariance @ change.transpose(0, 2, 1)
-    return spread
+    rows = finite_rows[is_regular]
+    by_pixels[rows] = np.linalg.inv(moves[is_regular])
+    by_parameters[rows] = -np.linalg.solve(moves[is_regular], image.d_parameters[is_regular])
+    return by_parameters, by_pixels
 
 
 def field_angles(model: CameraModel, directions: Array) -> Array:
@@ -287,7 +302,7 @@ def major_sigma(spread: Array) -> Array:
     return sigma
 
 
-def _perpendicular_axes(directions: Array) -> Array:
+def perpendicular_axes(directions: Array) -> Array:
     """Return two unit vectors (n, 3, 2) orthogonal to unit vectors (n, 3)."""
     helper = np.where(np.abs(directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(directions, helper)
