@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from .calibration.estimation import read_observations as read_observations
     from .calibration.estimation import simulate_detections as simulate_detections
     from .calibration.formats import register_camera_format as register_camera_format
+    from .calibration.measurement import Measurement as Measurement
+    from .calibration.measurement import measure as measure
     from .calibration.plumb_lines import PlumbLineCalibration as PlumbLineCalibration
     from .calibration.plumb_lines import calibrate_plumb_lines as calibrate_plumb_lines
     from .calibration.rim import MirrorOutline as MirrorOutline
@@ -221,6 +223,8 @@ _HOMES = {
     "Board": "calibration.targets",
     "Detection": "calibration.targets",
     "mirror_ball_model": "calibration.sensor_model",
+    "Measurement": "calibration.measurement",
+    "measure": "calibration.measurement",
     "calibrate_plumb_lines": "calibration.plumb_lines",
     "read_line_points": "calibration.straight_edges",
     "PlumbLineCalibration": "calibration.plumb_lines",

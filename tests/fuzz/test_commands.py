@@ -247,6 +247,8 @@ COMMANDS = (
     "tolerance small.toml errors.toml --trials 3 --set analysis.seed={}",
     "tolerance small.toml errors.toml --trials 3 --merit motion_px={}",
     "uncertainty {}",
+    "measure paper-spherical 700 500 500 {}",
+    "measure paper-spherical 700 500 500 700 --wall-mm {}",
     "uncertainty paper-spherical --height-mm {}",
     "convert {} -o out.toml",
     "convert calib_results.txt -o {}",

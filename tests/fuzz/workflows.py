@@ -227,6 +227,15 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         om.floor_uncertainty,
         {"camera": CAMERA, "pixels": [[40.0, 40.0]], "height_mm": 1000.0, "covariance": COVARIANCE},
     ),
+    "measure": (
+        om.measure,
+        {
+            "camera": CAMERA,
+            "pixels": [[40.0, 40.0], [30.0, 40.0]],
+            "height_mm": 1000.0,
+            "covariance": COVARIANCE,
+        },
+    ),
     "uncertainty_map": (
         om.uncertainty_map,
         {"camera": CAMERA, "height_mm": None, "covariance": COVARIANCE, "steps": 8},

@@ -84,7 +84,7 @@ def direction_uncertainty(
     >>> om.direction_uncertainty(model, pixels, covariance=[[0.0116**2]], field_deg=90.0).round(3)
     array([0.078,   nan])
     """
-    uncertain = _uncertain_model(camera, covariance, field_deg)
+    uncertain = uncertain_model(camera, covariance, field_deg)
     rays = uncertain.model.backproject(vectors("pixels", pixels, 2, is_list=True))
     directions = rotate_vectors(rays.directions, uncertain.model.mount.rotation())
     return direction_sigma_deg(
@@ -142,7 +142,7 @@ def floor_uncertainty(
         raise InvalidParameter(
             "height_mm must be above 0 mm for a floor or below 0 mm for a ceiling; got 0"
         )
-    uncertain = _uncertain_model(camera, covariance, field_deg)
+    uncertain = uncertain_model(camera, covariance, field_deg)
     model, rays = (
         uncertain.model,
         uncertain.model.backproject(vectors("pixels", pixels, 2, is_list=True)),
@@ -261,7 +261,7 @@ def uncertainty_map(
             camera, pixels, height_mm=height_mm, covariance=covariance, field_deg=field_deg
         )
         unit = "mm"
-    uncertain = _uncertain_model(camera, covariance, field_deg)
+    uncertain = uncertain_model(camera, covariance, field_deg)
     rays = uncertain.model.backproject(pixels)
     is_inside = within_field(
         uncertain.model,
@@ -288,7 +288,7 @@ def _to_floor(rays: Rays, height_mm: float) -> Array:
         )
 
 
-class _UncertainModel(NamedTuple):
+class UncertainModel(NamedTuple):
     """Camera model with the covariance of its parameters and its field of validity."""
 
     model: CameraModel
@@ -296,11 +296,11 @@ class _UncertainModel(NamedTuple):
     field_deg: float | None
 
 
-def _uncertain_model(
+def uncertain_model(
     camera: Sensor | CameraModel,
     covariance: ArrayLike | Uncertainty | None,
     field_deg: float | None,
-) -> _UncertainModel:
+) -> UncertainModel:
     """Return the model, its covariance, and the given or calibrated field."""
     instance("camera", camera, (Sensor, CameraModel), "a sensor or a camera model")
     field = optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
@@ -314,10 +314,10 @@ def _uncertain_model(
         field = specified.field_deg if field is None else field
         if isinstance(camera, Sensor | SensorModel):
             sensor = camera if isinstance(camera, Sensor) else camera.sensor
-            return _UncertainModel(
+            return UncertainModel(
                 SensorModel(sensor, specified.names), specified.of(specified.names), field
             )
-        return _UncertainModel(camera, specified.of([p.name for p in camera.parameters]), field)
+        return UncertainModel(camera, specified.of([p.name for p in camera.parameters]), field)
     model = SensorModel(camera) if isinstance(camera, Sensor) else camera
     names = [p.name for p in model.parameters]
     matrix = finite("covariance", specified)
@@ -326,4 +326,4 @@ def _uncertain_model(
             f"covariance must have the shape {len(names), len(names)} for the parameters "
             f"{', '.join(names)}; got {matrix.shape}"
         )
-    return _UncertainModel(model, matrix, field)
+    return UncertainModel(model, matrix, field)

@@ -229,6 +229,10 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         ("uncertainty", "paper-spherical"),
         "apps.cli.commands.uncertainty:load_camera",
     ),
+    "measure": (
+        ("measure", "paper-spherical", "700", "500", "500", "700"),
+        "apps.cli.commands.measure:load_camera",
+    ),
     "convert": (
         ("convert", "paper-spherical", "-o", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
         "apps.cli.commands.convert:convert",

@@ -52,6 +52,7 @@ COMMANDS = {
     "rim": "Detect the outline of the mirror in images.",
     "lines": "Refine and level a camera from straight edges, without a target.",
     "uncertainty": "Estimate the uncertainty of directions measured with a calibrated camera.",
+    "measure": "Measure angles and distances in an image, with uncertainty.",
     "convert": "Convert a camera model between file formats.",
     "apertures": "Find the F-number and focus with minimum blur and diffraction.",
     "bracket": "Plan a focus bracket, and merge its images.",

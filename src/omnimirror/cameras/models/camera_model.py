@@ -218,7 +218,21 @@ def direction_covariance_at(
 
     Targets are in the camera frame.
     """
-    spread = np.full((len(targets), 2, 2), np.nan)
+    change, _ = target_changes(model, targets, axes, distant=distant)
+    return change @ covariance @ change.transpose(0, 2, 1)
+
+
+def target_changes(
+    model: CameraModel, targets: Array, axes: Array, *, distant: bool
+) -> tuple[Array, Array]:
+    """Return derivatives of targets (n, 3) along axes (n, 3, 2), both in the camera frame.
+
+    The first array, (n, 2, p), contains the derivatives with respect to the parameters with fixed
+    pixels, ``-(du/dd)^-1 (du/dp)``; the second, (n, 2, 2), those with respect to the pixels,
+    ``(du/dd)^-1``. NaN outside the field of view.
+    """
+    by_parameters = np.full((len(targets), 2, len(model.parameters)), np.nan)
+    by_pixels = np.full((len(targets), 2, 2), np.nan)
     finite_rows = np.flatnonzero(np.isfinite(targets).all(axis=1))
     image = model.image(targets[finite_rows], distant=distant)
     moves = image.d_points @ axes[finite_rows]
@@ -228,9 +242,10 @@ def direction_covariance_at(
         & np.isfinite(image.d_parameters).all(axis=(1, 2))
     )
     is_regular[is_regular] = np.abs(np.linalg.det(moves[is_regular])) > 0
-    change = -np.linalg.solve(moves[is_regular], image.d_parameters[is_regular])
-    spread[finite_rows[is_regular]] = change @ covariance @ change.transpose(0, 2, 1)
-    return spread
+    rows = finite_rows[is_regular]
+    by_pixels[rows] = np.linalg.inv(moves[is_regular])
+    by_parameters[rows] = -np.linalg.solve(moves[is_regular], image.d_parameters[is_regular])
+    return by_parameters, by_pixels
 
 
 def field_angles(model: CameraModel, directions: Array) -> Array:

@@ -1,0 +1,114 @@
+"""``omnimirror measure``: angles and distances between image points."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from ....base.files import write_json
+from ....calibration.measurement import measure
+from ....optics.camera_files import load_camera
+from .._declarations import NUMBER, DocumentedCommand
+from .._output import json_option, output_console, print_line, print_written
+
+
+@click.command(
+    cls=DocumentedCommand,
+    page="calibrate",
+    examples=("omnimirror measure mine.toml 640 500 700 480 --height-mm 1200",),
+)
+@click.argument("camera")
+@click.argument("pixels", nargs=4, type=NUMBER, metavar="U1 V1 U2 V2")
+@click.option(
+    "--height-mm",
+    type=NUMBER,
+    help="Height of the mirror above the floor, negative below a ceiling: report the distance there.",
+)
+@click.option(
+    "--wall-mm",
+    type=NUMBER,
+    help="Distance of the mirror from a vertical wall: report the distance there.",
+)
+@click.option(
+    "--wall-pan-deg",
+    type=NUMBER,
+    default=0.0,
+    show_default=True,
+    metavar="DEG",
+    help="Pan of the nearest point of the wall, to the right.",
+)
+@click.option(
+    "--plane-sigma-mm",
+    type=NUMBER,
+    default=0.0,
+    show_default=True,
+    help="Standard uncertainty of the height or wall distance.",
+)
+@click.option(
+    "--plane-sigma-deg",
+    type=NUMBER,
+    default=0.0,
+    show_default=True,
+    metavar="DEG",
+    help="Standard uncertainty of the orientation of the plane, per axis.",
+)
+@click.option(
+    "--pixel-sigma-px",
+    type=NUMBER,
+    default=0.0,
+    show_default=True,
+    metavar="PX",
+    help="Standard uncertainty of the pixels, per coordinate.",
+)
+@json_option("Write angle, distance, points and uncertainties.")
+def command(
+    camera: str,
+    pixels: tuple[float, float, float, float],
+    height_mm: float | None,
+    wall_mm: float | None,
+    wall_pan_deg: float,
+    plane_sigma_mm: float,
+    plane_sigma_deg: float,
+    pixel_sigma_px: float,
+    json_file: Path | None,
+) -> None:
+    """Measure the angle between two pixels of the image of CAMERA, and their distance on a floor or
+    wall.
+
+    Uncertainties are one standard deviation, from the table [uncertainty] that a calibration writes
+    to the camera file. They are omitted for a camera without this table, and outside its calibrated
+    field.
+    """
+    result = measure(
+        load_camera(camera),
+        [pixels[:2], pixels[2:]],
+        height_mm=height_mm,
+        wall_mm=wall_mm,
+        wall_pan_deg=wall_pan_deg,
+        plane_sigma_mm=plane_sigma_mm,
+        plane_sigma_deg=plane_sigma_deg,
+        pixel_sigma_px=pixel_sigma_px,
+    )
+    console = output_console()
+    text = f": angle {_quantity_text(result.angle_deg, result.angle_sigma_deg, 'deg')}"
+    if result.distance_mm is not None:
+        distance = _quantity_text(result.distance_mm, result.distance_sigma_mm, "mm")
+        text += f", distance {distance}"
+    print_line((Path(camera).stem, "bold"), text, console=console)
+    if result.angle_sigma_deg is None:
+        print_line(
+            ("Note: ", "yellow"),
+            "the uncertainty is unknown without calibration uncertainty in the camera file, and "
+            "outside the calibrated field",
+            console=console,
+        )
+    if json_file:
+        write_json(json_file, asdict(result))
+    print_written(json_file, console=console)
+
+
+def _quantity_text(value: float, sigma: float | None, unit: str) -> str:
+    error = "" if sigma is None else f" +- {sigma:.2g}"
+    return f"{value:.6g}{error} {unit}"
