@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import finite, number, optional_number, validate_arguments
 from ..base.errors import InvalidParameter
 from ..base.parameters import Uncertainty
+from ..base.results import Result
 from ..base.typing import Array
 from ..cameras.camera import Rays, perpendicular_axes, rotate_vectors, view_axes
 from ..cameras.models.camera_model import (
@@ -24,7 +25,7 @@ from .uncertainty import MAX_FLOOR_DISTANCE, MAX_HEIGHT_MM, uncertain_model
 
 
 @dataclass(frozen=True)
-class Measurement:
+class Measurement(Result):
     """Angle between two image points, and their distance on a plane.
 
     Parameters
@@ -40,6 +41,11 @@ class Measurement:
         Standard uncertainty of the distance, mm; None as for the angle.
     points_mm
         The two points (2, 3) in the world frame, mm; None without a plane.
+
+    Examples
+    --------
+    >>> Measurement(angle_deg=31.2, angle_sigma_deg=0.05).distance_mm is None
+    True
     """
 
     angle_deg: float
