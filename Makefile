@@ -44,10 +44,11 @@ test-full: lint chromium firefox node $(VENV)/.full  ## Run all tests, including
 	$(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600 -o faulthandler_timeout=3900 --cross-validation docs/cross-validation.md
 	native/sanitize.sh $(BIN)/python -q
 
-# Tests of the packages that all others use. Old versions emit deprecation warnings, which are not errors here.
-LOWEST_TESTS := tests/contracts tests/base tests/cameras tests/optics tests/dewarp
+# Tests of the packages that all others use, of videos and of object stores. Old versions emit deprecation warnings, which
+# are not errors here.
+LOWEST_TESTS := tests/contracts tests/base tests/cameras tests/optics tests/analysis tests/dewarp tests/io tests/interop/batch
 
-test-lowest:  ## Smoke test and tests of the core packages with the lowest supported versions of the dependencies
+test-lowest:  ## Smoke test and a third of the tests with the lowest supported versions of the dependencies
 	@$(MAKE) smoke VERSIONS=lowest RESOLUTION=lowest-direct EXTRAS='[test]'
 	out/lowest/bin/python -m pytest -n auto --dist worksteal -W default -m "not full and not long" $(LOWEST_TESTS)
 

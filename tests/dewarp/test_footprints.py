@@ -41,6 +41,14 @@ def sampler(request, uncompiled):
     MODULE.set_instruction_set(before)
 
 
+@pytest.fixture
+def exact_sampler(sampler):
+    """Samplers that do not quantise the fractions of a pixel to 1/32, as OpenCV 4 does."""
+    if sampler == "opencv" and int(cv2.__version__.partition(".")[0]) < 5:
+        pytest.skip("OpenCV 4 quantises the fractions of a pixel to 1/32")
+    return sampler
+
+
 # -- definition ------------------------------------------------------------------------------------
 
 
@@ -156,7 +164,7 @@ AFFINE = ((FINE, (9, 11)), (SHRINKING, (60, 43)), (SLANTED, (33, 20)), (STRONG, 
 @pytest.mark.parametrize(
     ("depth", "channels"), few(KINDS, ("uint8", 1), ("uint16", 4), ("float32", 3))
 )
-def test_averages_match_definition(depth, channels, interpolation, sampler):
+def test_averages_match_definition(depth, channels, interpolation, exact_sampler):
     image = texture(depth, channels)
     for positions, means in expected(depth, channels, interpolation):
         fixed = PixelMap(positions, (150, 130), Annulus(75.0, 65.0, 0.0, 1e3))
@@ -379,7 +387,7 @@ def test_panorama_seam_is_averaged_as_other_columns(width, sampler):
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "auto", "area"])
 @pytest.mark.parametrize(("width", "value"), [(1600, np.inf), (360, np.inf), (72, -np.inf)])
-def test_infinite_value_does_not_yield_nan(interpolation, width, value, sampler):
+def test_infinite_value_does_not_yield_nan(interpolation, width, value, exact_sampler):
     """Exactly the pixels that a bright value at the same position affects become infinite."""
     dewarp = om.Dewarper(BALL, om.views.panorama(BALL, (width, width // 4)), interpolation)
     positions = dewarp.coordinates()

@@ -10,7 +10,8 @@ restricted to samples inside the image; auto equals area for minified pixels, an
 
 Results agree within one grey level; integers are rounded to the nearest and limited to their range.
 Coordinates are rounded to float32 before sampling; the compiled samplers quantise fractions of a
-pixel to 1/255 in uint8 images and to 1/65535 in others.
+pixel to 1/255 in uint8 images and to 1/65535 in others. OpenCV 4 quantises them to
+1/32, with deviations of several grey levels at sharp edges.
 
 .. [1] R. G. Keys, Cubic convolution interpolation for digital image processing, IEEE Trans. ASSP 29 (1981).
 """

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from benchmarks.mirror_composites import environments
+from mirror_composites import environments
 
 import omnimirror as om
 from omnimirror.base.errors import InvalidParameter

@@ -6,8 +6,8 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
-from benchmarks.mirror_composites import LabelledImage, TrueOutline, compose, outline_error
-from benchmarks.mirror_surroundings import SURROUNDINGS, rings
+from mirror_composites import LabelledImage, TrueOutline, compose, outline_error
+from mirror_surroundings import SURROUNDINGS, rings
 from numpy.typing import NDArray
 
 import omnimirror as om

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import (
+from restoration_gain import (
     clouds,
     dead_leaves,
     gains,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import with_fewer_pixels
+from restoration_gain import with_fewer_pixels
 
 import omnimirror as om
 from omnimirror.base.native import backend

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from benchmarks.restoration_gain import clouds, dead_leaves, with_fewer_pixels
+from restoration_gain import clouds, dead_leaves, with_fewer_pixels
 
 import omnimirror as om
 from omnimirror.base.colour import linear_from_srgb, srgb_from_linear
