@@ -8,6 +8,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -171,3 +172,20 @@ def test_missing_docstrings_are_detected():
         "Raises",
         "an example",
     ]
+
+
+def test_documented_parameters_exist():
+    """Docstrings of all functions, including private ones, name existing parameters only."""
+    unknown, count = [], 0
+    for path in sorted(Path(om.__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                continue
+            documented = entries(sections(ast.get_docstring(node) or "").get("Parameters", ""))
+            groups = (node.args.posonlyargs, node.args.args, node.args.kwonlyargs)
+            variable = [arg for arg in (node.args.vararg, node.args.kwarg) if arg]
+            names = {arg.arg for group in (*groups, variable) for arg in group}
+            unknown += [f"{path.name} {node.name} {n}" for n in documented if n and n not in names]
+            count += bool(documented)
+    assert unknown == []
+    assert count > 500

@@ -123,7 +123,7 @@ def phase_of_real_lens(cosines: Array, aberrations: Array) -> tuple[Array, Array
 
     Parameters
     ----------
-    cosines, strayed : (k, n, 2) arrays
+    cosines, aberrations : (k, n, 2) arrays
         Direction cosines of the rays at the imager, and their positions relative to the chief rays.
     """
     derivatives = basis_slopes()

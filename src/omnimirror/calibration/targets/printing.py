@@ -38,7 +38,7 @@ class BoardSheet(NamedTuple):
     """Black rectangles (k, 4): left, top, width and height."""
     first_corner_mm: tuple[float, float]
     """Position of corner 0 of the board."""
-    words: str
+    text: str
     """Text at the foot of the sheet."""
 
 
@@ -328,7 +328,7 @@ def _svg(sheet: BoardSheet) -> str:
     foot = (
         f'<path d="M{left:.6g} {bottom:.6g}h{ruler:g}" stroke="black" '
         f'stroke-width="{LINE_MM}"/><text x="{left:.6g}" y="{bottom - 1.5:.6g}" '
-        f'font-family="sans-serif" font-size="{TEXT_MM}">{xml_text(sheet.words)}</text>'
+        f'font-family="sans-serif" font-size="{TEXT_MM}">{xml_text(sheet.text)}</text>'
         if ruler
         else ""
     )
@@ -354,7 +354,7 @@ def _pdf(sheet: BoardSheet) -> bytes:
             f"{LINE_MM} w {left:.5f} {height - bottom:.5f} m {left + ruler:.5f} {height - bottom:.5f} l S"
         )
         lines.append(
-            f"BT /F {TEXT_MM} Tf {left:.5f} {height - bottom + 1.5:.5f} Td ({sheet.words}) Tj ET"
+            f"BT /F {TEXT_MM} Tf {left:.5f} {height - bottom + 1.5:.5f} Td ({sheet.text}) Tj ET"
         )
     content = zlib.compress("\n".join(lines).encode("latin-1"))
     box = f"[0 0 {width * scale:.5f} {height * scale:.5f}]"

@@ -188,7 +188,7 @@ def blur_limit(
     ----------
     image : (h, w) or (h, w, channels)
         sRGB values as a fraction of full scale.
-    known, sizes
+    blur, sizes
         Known blur, and its diameters (h, w).
     noise
         Noise of the image.

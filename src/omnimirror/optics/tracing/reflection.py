@@ -740,7 +740,11 @@ def footprint(
 
     Parameters
     ----------
-    found
+    mirror
+        Mirror.
+    pupils, targets
+        Ends of the light paths.
+    reflections
         Result of :func:`specular_points` for the same ends.
     motion : (2, 3) or (n, 2, 3)
         Derivatives of an entrance pupil's ``xyz`` by its two coordinates.
