@@ -370,6 +370,7 @@ OTHER_TESTS = {
     "Detection",
     "DewarpedBag",
     "FormError",
+    "Measurement",
     "MirrorOutline",
     "Front",
     "PlumbLineCalibration",

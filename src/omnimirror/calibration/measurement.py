@@ -44,8 +44,11 @@ class Measurement(Result):
 
     Examples
     --------
-    >>> Measurement(angle_deg=31.2, angle_sigma_deg=0.05).distance_mm is None
-    True
+    >>> import omnimirror as om
+    >>> sensor = om.load_sensor("paper-spherical")
+    >>> result = om.measure(sensor, [[711.5, 511.5], [511.5, 711.5]], height_mm=1500.0)
+    >>> round(result.angle_deg, 2), round(result.distance_mm)
+    (55.27, 1869)
     """
 
     angle_deg: float

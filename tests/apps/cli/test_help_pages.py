@@ -109,7 +109,7 @@ def test_help_fits_on_one_screen(command_name):
     assert len(COMMANDS[command_name].get_help(context).splitlines()) <= 45
 
 
-TABLES = {"check", "sensors", "apertures", "bracket plan", "simulate roundtrip"}
+TABLES = {"check", "sensors", "apertures", "bracket plan", "measure", "simulate roundtrip"}
 """Commands that write nothing but the printed table."""
 JOBS = {"batch plan", "batch run", "batch status"}
 """Commands whose output is an entry of a file."""
