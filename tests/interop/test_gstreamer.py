@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -53,6 +56,29 @@ while True:
     print(message.parse_warning().gerror.message)
 pipeline.set_state(Gst.State.NULL)
 """
+
+CHANGE_VIEW = """
+import json, sys
+import gi
+gi.require_version("Gst", "1.0")
+from gi.repository import Gst
+
+Gst.init(None)
+pipeline = Gst.parse_launch(sys.argv[1])
+element, sink = pipeline.get_by_name("dewarp"), pipeline.get_by_name("sink")
+pipeline.set_state(Gst.State.PLAYING)
+with open(sys.argv[3], "wb") as file:
+    for change in json.loads(sys.argv[2]):
+        for name, value in change.items():
+            element.set_property(name, value)
+        for _ in range(6):  # frames of the previous view are queued
+            sample = sink.emit("pull-sample")
+        buffer, caps = sample.get_buffer(), sample.get_caps().get_structure(0)
+        file.write(buffer.extract_dup(0, buffer.get_size()))
+        print(caps.get_value("width"), caps.get_value("height"))
+pipeline.set_state(Gst.State.NULL)
+"""
+"""Program that changes properties of a running pipeline and writes one frame of each view."""
 
 
 @pytest.fixture(scope="module")
@@ -184,6 +210,70 @@ def test_view_moves_while_the_pipeline_runs(image, environment, tmp_path):
         rows(third, 322, 240), rows(second, 322, 240)
     )  # an invalid view is reported and not applied
     assert "outside the field of the camera" in run.stdout
+
+
+def test_type_and_size_of_the_view_change_while_the_pipeline_runs(image, environment, tmp_path):
+    """Every change of the size negotiates the caps again; rows have no padding at these widths."""
+    sensor, output = om.load_sensor(NAME), tmp_path / "views.rgb"
+    om.write_image(tmp_path / "in.png", image)
+    pipeline = (
+        f"filesrc location={tmp_path / 'in.png'} ! pngdec ! videoconvert ! video/x-raw,format=RGB "
+        f"! imagefreeze ! omnimirrordewarp name=dewarp sensor={NAME} width=320 height=240 "
+        "! appsink name=sink max-buffers=1 sync=false"
+    )
+    size = {"width": 240, "height": 240}
+    changes = [
+        {"pan-deg": 90.0},
+        {"view": "panorama", "width": 640, "height": 160},
+        {"view": "ground", "options": "height_mm = 900, mm_per_px = 8", **size},
+    ]
+    views = [
+        om.screens.Plane((320, 240), 90.0),
+        om.views.panorama(sensor, (640, 160), pan_deg=90.0),
+        om.views.ground(sensor, 900.0, size=(240, 240), mm_per_px=8.0, pan_deg=90.0),
+    ]
+    run = subprocess.run(
+        [SYSTEM_PYTHON, "-c", CHANGE_VIEW, pipeline, json.dumps(changes), str(output)],
+        capture_output=True,
+        text=True,
+        env=environment,
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.split("\n")[:-1] == [f"{view.size[0]} {view.size[1]}" for view in views]
+    expected = b"".join(om.Dewarper(sensor, view)(image).tobytes() for view in views)
+    assert output.read_bytes() == expected
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "interoperability.md"
+PIPELINES = re.findall(r"^    (gst-launch-1.0 .*omnimirrordewarp.*)$", PAGE.read_text(), re.M)
+CAMERA = "videotestsrc num-buffers=3 ! video/x-raw,width=1024,height=1024,framerate=30/1"
+SUBSTITUTES = {
+    "v4l2src": CAMERA,
+    "filesrc location=ride.mp4 ! decodebin": CAMERA,
+    "rtspsrc location=rtsp://roof/1 ! decodebin": CAMERA.replace("1024", "512"),
+    "videoscale": "videoscale ! video/x-raw,width=1024,height=1024",
+    "autovideosink": "pngenc snapshot=true ! filesink location=view.png",
+    "x264enc ! mp4mux": "videoconvert ! pngenc snapshot=true",
+    "location=around.mp4": "location=view.png",
+}
+"""Elements that replace cameras, displays and the codecs that Debian installs separately."""
+
+
+@pytest.mark.parametrize("pipeline", PIPELINES, ids=["perspective", "panorama", "half-panorama"])
+def test_documented_pipelines(environment, tmp_path, pipeline):
+    sensor = om.load_sensor(NAME)
+    om.save_sensor(sensor, tmp_path / "mine.toml")
+    options = dict(re.findall(r"(width|height)=(\d+)", pipeline))
+    for documented, substitute in SUBSTITUTES.items():
+        pipeline = pipeline.replace(documented, substitute)
+    run = subprocess.run(
+        shlex.split(pipeline), cwd=tmp_path, capture_output=True, text=True, env=environment
+    )
+    assert run.returncode == 0, run.stderr
+    view = om.read_image(tmp_path / "view.png")
+    assert view.any()
+    if options:
+        assert view.shape[:2] == (int(options["height"]), int(options["width"]))
 
 
 def test_panorama_with_options_in_toml(image, environment, tmp_path):
