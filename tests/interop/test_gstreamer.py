@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.base.errors import InvalidParameter, OutsideField
+from omnimirror.base.errors import InvalidParameter, OutsideField, SpecError
 from omnimirror.interop.gstreamer.frames import PLUGIN_PATH, FrameLayout, ViewSettings
 
 NAME, SIZE = "paper-spherical", (1024, 1024)
@@ -304,13 +304,13 @@ def test_invalid_properties_end_the_pipeline_with_a_message(environment, propert
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"options": "span_deg 180"}, "options must be entries of TOML"),
+        ({"options": "span_deg 180"}, "options must be valid TOML"),
         ({"options": "span_deg = 180"}, "options of a perspective view"),
         ({"tilt_deg": 90.0}, "outside the field"),
     ],
 )
 def test_invalid_settings_raise(changes, message):
-    with pytest.raises((InvalidParameter, OutsideField), match=message):
+    with pytest.raises((InvalidParameter, OutsideField, SpecError), match=message):
         replace(SETTINGS, **changes).dewarper()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import sys
 import time
@@ -167,6 +168,7 @@ def main(args: list[str] | None = None) -> None:
 
 def _run(arguments: list[str], is_debugged: bool, is_verbose: bool, start: float) -> None:
     try:
+        _check_encoding(arguments)
         app.main(args=arguments, prog_name="omnimirror", standalone_mode=False)
         sys.stdout.flush()
         if is_verbose:
@@ -186,6 +188,15 @@ def _run(arguments: list[str], is_debugged: bool, is_verbose: bool, start: float
         message, code = error_message(e)
         _print_error(one_line(message))
         sys.exit(code)
+
+
+def _check_encoding(arguments: list[str]) -> None:
+    """Reject lone surrogates, which no file name on POSIX contains; os.stat() raises an exception."""
+    for text in arguments:
+        try:
+            os.fsencode(text)
+        except UnicodeEncodeError:
+            raise click.UsageError(f"arguments must be valid text; got {text!a}") from None
 
 
 def _print_error(message: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.errors import InvalidParameter, OutsideField
+from ...base.files import parse_toml
 from ...dewarp import Dewarper
 from ...dewarp.interfaces import Image, Interpolation
 from ...dewarp.maps import half
@@ -86,12 +86,7 @@ class ViewSettings:
         return Dewarper(camera, view, self.interpolation, keep_map=self.keep_map)
 
     def _view_table(self) -> dict[str, Any]:
-        try:
-            table = tomllib.loads(f"options = {{ {self.options} }}")["options"]
-        except tomllib.TOMLDecodeError as e:
-            raise InvalidParameter(
-                f"options must be entries of TOML such as 'span_deg = 180'; got {self.options!r} ({e})"
-            ) from None
+        table = parse_toml(f"options = {{ {self.options} }}", "options")["options"]
         for name in ("pan_deg", "tilt_deg", "roll_deg", "hfov_deg"):
             if value := getattr(self, name):
                 table[name] = value

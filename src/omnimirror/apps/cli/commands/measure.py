@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
@@ -10,8 +10,50 @@ import click
 from ....base.files import write_json
 from ....calibration.measurement import measure
 from ....optics.camera_files import load_camera
-from .._declarations import NUMBER, DocumentedCommand
+from .._declarations import NUMBER, DocumentedCommand, Options, add_options, option
 from .._output import json_option, output_console, print_line, print_written
+
+
+@dataclass(frozen=True)
+class MeasurementOptions(Options):
+    """Plane of the two points, and uncertainties."""
+
+    height_mm: float | None = option(
+        type=NUMBER,
+        metavar="MM",
+        show_default=False,
+        help="Height of the mirror above the floor, negative below a ceiling: report the distance there.",
+    )
+    wall_mm: float | None = option(
+        type=NUMBER,
+        metavar="MM",
+        show_default=False,
+        help="Distance of the mirror from a vertical wall: report the distance there.",
+    )
+    wall_pan_deg: float = option(
+        type=NUMBER,
+        metavar="DEG",
+        default=0.0,
+        help="Pan of the nearest point of the wall, to the right.",
+    )
+    plane_sigma_mm: float = option(
+        type=NUMBER,
+        metavar="MM",
+        default=0.0,
+        help="Standard uncertainty of the height or wall distance.",
+    )
+    plane_sigma_deg: float = option(
+        type=NUMBER,
+        metavar="DEG",
+        default=0.0,
+        help="Standard uncertainty of the orientation of the plane, per axis.",
+    )
+    pixel_sigma_px: float = option(
+        type=NUMBER,
+        metavar="PX",
+        default=0.0,
+        help="Standard uncertainty of the pixels, per coordinate.",
+    )
 
 
 @click.command(
@@ -21,57 +63,12 @@ from .._output import json_option, output_console, print_line, print_written
 )
 @click.argument("camera")
 @click.argument("pixels", nargs=4, type=NUMBER, metavar="U1 V1 U2 V2")
-@click.option(
-    "--height-mm",
-    type=NUMBER,
-    help="Height of the mirror above the floor, negative below a ceiling: report the distance there.",
-)
-@click.option(
-    "--wall-mm",
-    type=NUMBER,
-    help="Distance of the mirror from a vertical wall: report the distance there.",
-)
-@click.option(
-    "--wall-pan-deg",
-    type=NUMBER,
-    default=0.0,
-    show_default=True,
-    metavar="DEG",
-    help="Pan of the nearest point of the wall, to the right.",
-)
-@click.option(
-    "--plane-sigma-mm",
-    type=NUMBER,
-    default=0.0,
-    show_default=True,
-    help="Standard uncertainty of the height or wall distance.",
-)
-@click.option(
-    "--plane-sigma-deg",
-    type=NUMBER,
-    default=0.0,
-    show_default=True,
-    metavar="DEG",
-    help="Standard uncertainty of the orientation of the plane, per axis.",
-)
-@click.option(
-    "--pixel-sigma-px",
-    type=NUMBER,
-    default=0.0,
-    show_default=True,
-    metavar="PX",
-    help="Standard uncertainty of the pixels, per coordinate.",
-)
+@add_options(MeasurementOptions, "measurement")
 @json_option("Write angle, distance, points and uncertainties.")
 def command(
     camera: str,
     pixels: tuple[float, float, float, float],
-    height_mm: float | None,
-    wall_mm: float | None,
-    wall_pan_deg: float,
-    plane_sigma_mm: float,
-    plane_sigma_deg: float,
-    pixel_sigma_px: float,
+    measurement: MeasurementOptions,
     json_file: Path | None,
 ) -> None:
     """Measure the angle between two pixels of the image of CAMERA, and their distance on a floor or
@@ -81,16 +78,7 @@ def command(
     to the camera file. They are omitted for a camera without this table, and outside its calibrated
     field.
     """
-    result = measure(
-        load_camera(camera),
-        [pixels[:2], pixels[2:]],
-        height_mm=height_mm,
-        wall_mm=wall_mm,
-        wall_pan_deg=wall_pan_deg,
-        plane_sigma_mm=plane_sigma_mm,
-        plane_sigma_deg=plane_sigma_deg,
-        pixel_sigma_px=pixel_sigma_px,
-    )
+    result = measure(load_camera(camera), [pixels[:2], pixels[2:]], **measurement.given)
     console = output_console()
     text = f": angle {_quantity_text(result.angle_deg, result.angle_sigma_deg, 'deg')}"
     if result.distance_mm is not None:

@@ -142,9 +142,9 @@ class OmnimirrorDewarp(GstBase.BaseTransform):
         return True
 
     def do_transform(self, source, view):
-        if self._is_changed:
-            self._update()
         try:
+            if self._is_changed:
+                self._update()
             with (
                 source.map(Gst.MapFlags.READ) as source_memory,
                 view.map(Gst.MapFlags.READ | Gst.MapFlags.WRITE) as view_memory,
@@ -159,7 +159,7 @@ class OmnimirrorDewarp(GstBase.BaseTransform):
                     self._siting,
                     self._is_full_range,
                 )
-        except OmnimirrorError as e:
+        except Exception as e:  # the bindings print exceptions, and the pipeline would continue
             self._post(Gst.Message.new_error, e)
             return Gst.FlowReturn.ERROR
         return Gst.FlowReturn.OK
