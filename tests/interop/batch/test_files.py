@@ -265,13 +265,23 @@ def test_sensor_rules_select_by_camera_and_mounting_date(tmp_path):
     job = job_of(
         tmp_path, "list_file = 'l.txt'\ntime = '%Y-%m-%d'\ncamera = 'cam-(\\d)'", more=rules + VIEWS
     )
-    names = ["cam-1_2024-01-15.png", "cam-1_2024-02-15.png", "cam-2_2024-02-15.png"]
+    names = [
+        *("cam-1_2024-01-15.png", "cam-1_2024-02-15.png", "cam-2_2024-02-15.png"),
+        "cam-1_2024-02-31.png",  # no date
+    ]
     (tmp_path / "l.txt").write_text("".join(f"raw/{name}\n" for name in names))
     plan = om.batch.plan(job)
     assert [item.sensor for item in plan.items] == ["old", "new"]
-    assert [each.camera for each in plan.unassigned] == ["2"]
+    assert [each.camera for each in plan.unassigned] == ["2", "1"]
     result = om.batch.run(job, scheduler="threads")
-    assert any("no [[sensor]] applies to camera '2'" in text for text in result.errors.values())
+    errors = {Path(name).name: text for name, text in result.errors.items()}
+    assert errors["cam-2_2024-02-15.png"] == (
+        "no [[sensor]] applies to camera '2' at 2024-02-15 00:00:00; add one"
+    )
+    assert (
+        "contains none of the format %Y-%m-%d; correct inputs.time"
+        in (errors["cam-1_2024-02-31.png"])
+    )
 
 
 def test_restoration_with_and_without_views(tmp_path):

@@ -295,7 +295,7 @@ def _record_unassigned(batch_plan: BatchPlan, rows: ManifestWriter) -> None:
                 output="",
                 view="",
                 status=FAILED,
-                error=f"no [[sensor]] applies to camera {each.camera!r} at this time; add one",
+                error=batch_plan.job.missing_sensor_message(each.camera, each.time),
                 time=each.time,
                 camera=each.camera,
                 version=__version__,

@@ -224,6 +224,18 @@ class BatchJob:
         """Return the sensor of an input; None if no rule applies."""
         return next((each for each in self.sensors if each.applies(camera, time)), None)
 
+    def missing_sensor_message(self, camera: str, time: float | None) -> str:
+        """Return why no rule applies to an input, and the remedy."""
+        of_camera = f" to camera {camera!r}" if camera else ""
+        if time is None and any(each.rule.since or each.rule.until for each in self.sensors):
+            form = f" of the format {self.inputs.time}" if self.inputs.time else ""
+            return (
+                f"no [[sensor]] applies{of_camera}: since and until require a time, and the name "
+                f"contains none{form}; correct inputs.time, or add a [[sensor]] without dates"
+            )
+        when = "" if time is None else f" at {datetime.fromtimestamp(time, UTC):%Y-%m-%d %H:%M:%S}"
+        return f"no [[sensor]] applies{of_camera}{when}; add one"
+
     @property
     def retries(self) -> Retries:
         """Repetition after transient errors."""

@@ -66,7 +66,8 @@ def plan_command(job: Path, changes: dict[str, Any], json_file: Path | None) -> 
         console=console,
     )
     for each in batch_plan.unassigned[:MAX_PRINTED_ERRORS]:
-        print_notice(f"{each.name}: no [[sensor]] applies")
+        reason = batch_plan.job.missing_sensor_message(each.camera, each.time)
+        print_notice(f"{each.name}: {reason}")
     if json_file:
         write_json(json_file, record)
         print_written(json_file, console=console)
