@@ -133,7 +133,6 @@ READS = {
     "interop.batch.inputs": "check_file and limited stores, then the headers of archives",
     "interop.batch.manifest": PARSED_OWN,
     "interop.batch.stores": "objects of limited size",
-    "interop.gstreamer.frames": "a property of the element",
     "interop.ros_bags.bag_files": "checked, then message by message",
     "design.pareto_front": "check_file and the number of values, then pyarrow",
     "manufacturing.tolerancing.sweep": "check_file, then block by block; data of its own process",
