@@ -62,6 +62,23 @@ def test_manifest_has_a_row_per_output(tmp_path):
     assert [row["time"] for row in rows[::2]] == [1717243200.0 + 60 * n for n in range(3)]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="counts threads in /proc")
+def test_parquet_tables_are_read_without_threads():
+    """Threads of Arrow that hold a Python buffer abort the process at its exit."""
+    code = (
+        "import os, pyarrow.parquet\n"
+        "from omnimirror.interop.batch.manifest import ManifestRow, parquet_bytes, parquet_rows\n"
+        "row = ManifestRow(**dict.fromkeys(ManifestRow.__dataclass_fields__))\n"
+        "data = parquet_bytes([row] * 1000)\n"
+        "before = len(os.listdir('/proc/self/task'))\n"
+        "assert len(parquet_rows(data)) == 1000\n"
+        "print(before, len(os.listdir('/proc/self/task')))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    before, after = run.stdout.split()
+    assert before == after
+
+
 def test_repeated_run_computes_nothing(tmp_path, monkeypatch):
     write_archive(tmp_path, 4)
     job = job_of(tmp_path)

@@ -10,12 +10,12 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import tomli_w
 import xarray
 
 import omnimirror as om
+from omnimirror.interop.batch.manifest import parquet_rows
 from omnimirror.interop.batch.stores import Store
 from omnimirror.io.images import encode_image
 from tests.commands import omnimirror
@@ -103,7 +103,7 @@ def test_warehouse(tmp_path, monkeypatch):
         with LocalCluster(**quiet, dashboard_address="127.0.0.1:0") as cluster:
             arguments = [w if "tcp://" not in w else cluster.scheduler_address for w in run]
             assert "400 of 400 outputs done" in execute(arguments, tmp_path)
-        rows = pq.read_table(store._fs.open("s3://warehouse/views/manifest.parquet")).to_pylist()
+        rows = parquet_rows(store._fs.cat_file("s3://warehouse/views/manifest.parquet"))
     assert len({row["sensor_digest"] for row in rows}) == 40
     assert all(row["sensor"] == f"calibration-{int(row['camera'][4:6])}" for row in rows)
 

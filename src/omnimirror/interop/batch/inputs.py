@@ -31,6 +31,7 @@ from ...dewarp.image_files import SourceImage
 from ...io.batch import READABLE_IMAGE_SUFFIXES
 from ...io.images import ImageMetadata, decode_image_and_metadata
 from .job import BatchJob, digest_of
+from .manifest import parquet_rows
 from .stores import MAX_OBJECT_BYTES, Store, is_remote
 
 MAX_TABLE_BYTES = 4 << 30
@@ -218,9 +219,8 @@ def _tabulated(job: BatchJob, name: str) -> Iterator[BatchInput]:
     url = job.resolve(name)
     data = job.store(url).read(url, 0, MAX_TABLE_BYTES)
     if url.endswith(".parquet"):
-        pq: Any = _package("pyarrow.parquet", "Parquet tables")
         try:
-            rows = pq.read_table(io.BytesIO(data)).to_pylist()
+            rows = parquet_rows(data)
         except (ValueError, OSError) as e:
             raise MediaError(f"{url} must be a Parquet table: {e}") from None
     else:

@@ -8,7 +8,6 @@ key and output. ``manifest.parquet`` contains the merged rows for other programs
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import socket
@@ -220,17 +219,34 @@ class BatchManifest:
 def _rows_in(data: bytes, name: str) -> Iterable[Mapping[str, Any]]:
     """Return the rows of a part; an incomplete last line of a killed process is omitted."""
     if name.endswith(".parquet"):
-        _, pq = _pyarrow()
         try:
-            rows: list[dict[str, Any]] = pq.read_table(io.BytesIO(data)).to_pylist()
+            return parquet_rows(data)
         except (OSError, ValueError) as e:
             raise MediaError(f"the part {name} of the manifest is damaged: {e}") from None
-        return rows
     lines = data[: data.rfind(b"\n") + 1].splitlines()
     try:
         return [json.loads(line) for line in lines]
     except ValueError:
         raise MediaError(f"the part {name} of the manifest is damaged; remove it") from None
+
+
+def parquet_rows(data: bytes) -> list[dict[str, Any]]:
+    """Return the rows of a Parquet file.
+
+    ``pyarrow.parquet.read_table`` starts threads that release the buffer after the call, which
+    aborts a process that exits at the same time (apache/arrow#34314).
+
+    Raises
+    ------
+    OSError, ValueError
+        If the data are not a Parquet file.
+    OmnimirrorError
+        If pyarrow is missing.
+    """
+    pa, pq = _pyarrow()
+    with pq.ParquetFile(pa.BufferReader(data)) as file:
+        rows: list[dict[str, Any]] = file.read(use_threads=False).to_pylist()
+    return rows
 
 
 def parquet_bytes(rows: Iterable[ManifestRow]) -> bytes:
@@ -241,13 +257,16 @@ def parquet_bytes(rows: Iterable[ManifestRow]) -> bytes:
     schema = pa.schema([(name, types.get(name, pa.string())) for name in COLUMNS])
     values = list(rows)
     columns = [[getattr(row, name) for row in values] for name in COLUMNS]
-    into = io.BytesIO()
+    into = pa.BufferOutputStream()
     pq.write_table(pa.table(columns, schema=schema), into, compression="zstd")
-    return into.getvalue()
+    data: bytes = into.getvalue().to_pybytes()
+    return data
 
 
 def _pyarrow() -> tuple[Any, Any]:
     try:
         return import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError:
-        raise OmnimirrorError(f"manifests require pyarrow: {extra_remedy('cluster')}") from None
+        raise OmnimirrorError(
+            f"Parquet tables require pyarrow: {extra_remedy('cluster')}"
+        ) from None
