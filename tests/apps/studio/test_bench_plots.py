@@ -209,10 +209,11 @@ def test_all_curves_fit_on_first_screen(pin_count, bench):  # noqa: F811
 MOVED = """async (count) => {
   const { design: bench } = window.omnimirror.tabs;
   const slider = document.querySelector("#design input[type=range]");
+  const start = Number(slider.value);
   const frame = () => new Promise((done) => requestAnimationFrame(done));
   for (let i = 0; i < count; i++) {
     const before = bench.latencies;
-    slider.value = String(0.5 + 0.02 * Math.sin(i));
+    slider.value = String(start + 0.02 * Math.sin(i + 1));
     slider.dispatchEvent(new Event("input", { bubbles: true }));
     while (bench.latencies === before) await frame();
     await frame();
