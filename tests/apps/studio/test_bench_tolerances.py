@@ -236,10 +236,10 @@ def test_link_contains_displayed_errors(bench, browser):  # noqa: F811
         page.set_default_timeout(TIMEOUT_MS)
         page.add_init_script(WITHOUT_IMAGES)
         page.goto(link)
-        page.wait_for_function("window.omnimirror?.tabs?.bench")
+        page.wait_for_function("window.omnimirror?.tabs?.design")
         assert panel_values(page) == changed
         page.reload()
-        page.wait_for_function("window.omnimirror?.tabs?.bench")
+        page.wait_for_function("window.omnimirror?.tabs?.design")
         assert panel_values(page) == changed
         page.evaluate(
             "location.hash = location.hash.replace('mirror.tilt_x_deg', 'mirror.nonsense')"
