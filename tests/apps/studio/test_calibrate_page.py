@@ -214,7 +214,7 @@ def test_reasons_against_calibration_and_images_are_displayed(page, files, tmp_p
         "#calibrate-files", [files[0], tmp_path / "dark.png", tmp_path / "notes.png"]
     )
     page.locator("#calibrate .shots").get_by_text(
-        "notes.png must be an image in a supported format"
+        "notes.png: it must be an undamaged image file"
     ).wait_for()
     page.locator("#calibrate .shots").get_by_text("The image is blank").wait_for()
     page.get_by_text("detected in one image; at least 3 are required").wait_for()

@@ -423,8 +423,11 @@ def test_narrow_page_has_no_overflow(browser, server, room):
     set_state(page, tab="design")
     page.wait_for_selector("#design .compare tbody td")
     assert header.bounding_box()["height"] < 60
-    page.get_by_role("button", name="Download").click()
-    assert page.get_by_role("button", name="Drawing (PDF)").is_visible()
+    page.get_by_role("button", name="Export…").click()
+    dialog = page.get_by_role("dialog", name="Export")
+    dialog.get_by_role("button", name="Download Drawing (PDF)").scroll_into_view_if_needed()
+    assert page.evaluate("document.scrollingElement.scrollWidth") == 360
+    page.keyboard.press("Escape")
     set_state(page, tab="look")
     selector = ":is(main, header) [hidden]:not([type=file])"
     page.evaluate(
