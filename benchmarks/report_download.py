@@ -15,7 +15,7 @@ import numpy as np
 from measurement_conditions import describe_conditions
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_files import sensor_report
+from omnimirror.apps.studio._design_files import sensor_report
 from omnimirror.base.files import write_text
 
 SENSORS = ("paper-spherical", "paper-hyperboloidal", "paper-equidistant")

@@ -25,15 +25,15 @@ from measurement_conditions import describe_conditions
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_evaluation import answer
-from omnimirror.apps.studio._bench_files import taken
-from omnimirror.apps.studio._bench_sensors import changed, on_bench
+from omnimirror.apps.studio._design_evaluation import answer
+from omnimirror.apps.studio._design_files import taken
+from omnimirror.apps.studio._design_sensors import changed, tables_from_sensor
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import (
-    BenchSensor,
+from omnimirror.apps.studio.design_messages import (
     DesignChange,
     DesignRequest,
+    DesignSensor,
     RenderRequest,
 )
 from omnimirror.base.files import write_text
@@ -53,17 +53,17 @@ FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-
 RENDER_REQUESTS = (224, 1), (640, 2)  # pixels and rays of the two requests of the page
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
 MOVE_SCRIPT = """async (count) => {
-  const { design: bench } = window.omnimirror.tabs;
+  const { design: design_tab } = window.omnimirror.tabs;
   const slider = document.querySelector("#design input[type=range]");
   const start = Number(slider.value);
   const frame = () => new Promise((done) => requestAnimationFrame(done));
   for (let i = 0; i < count; i++) {
-    const before = bench.latencies;
+    const before = design_tab.latencies;
     slider.value = String(start + 0.02 * Math.sin(i));
     slider.dispatchEvent(new Event("input", { bubbles: true }));
-    while (bench.latencies === before) await frame();
+    while (design_tab.latencies === before) await frame();
   }
-  return bench.latencies.slice(-count);
+  return design_tab.latencies.slice(-count);
 }"""
 
 
@@ -100,7 +100,7 @@ def serving() -> Iterator[str]:
         thread.join(10)
 
 
-def server_ms(sensor: BenchSensor, runs: int) -> float:
+def server_ms(sensor: DesignSensor, runs: int) -> float:
     """Return the median processor time of a response in the server, ms."""
     request = DesignRequest(
         slot=0,
@@ -120,7 +120,7 @@ def server_ms(sensor: BenchSensor, runs: int) -> float:
     return 1e3 * float(np.median(times))
 
 
-def render_ms(sensor: BenchSensor, width_px: int, samples: int, runs: int) -> float:
+def render_ms(sensor: DesignSensor, width_px: int, samples: int, runs: int) -> float:
     """Return the median time of a response with an image of a room, ms."""
     request = RenderRequest(tables=sensor.tables, width_px=width_px, samples=samples)
     times = []
@@ -178,7 +178,7 @@ def main() -> None:
     conditions = describe_conditions(arguments.runs).replace("interleaved runs", "changes")
     first = tables_of(om.load_sensor("paper-spherical"))
     sensors = {
-        kind: on_bench(
+        kind: tables_from_sensor(
             changed(DesignChange(tables=first, target="mirror", to=kind, object_distance_mm=None))
         )
         for kind in MIRROR_KINDS
@@ -194,7 +194,7 @@ def main() -> None:
         page = browser.new_context(
             viewport={"width": 1280, "height": 900}, bypass_csp=True
         ).new_page()
-        page.add_init_script(f"localStorage.setItem('omnimirror-bench', '{EMPTY}')")
+        page.add_init_script(f"localStorage.setItem('omnimirror-design', '{EMPTY}')")
         page.goto(f"{address}#tab=design")
         page.wait_for_selector("#design .compare tbody td")
         metrics = page.context.new_cdp_session(page)

@@ -126,7 +126,7 @@ def photographer(session: Session) -> None:
 def student(session: Session) -> None:
     session.button("Design", "#tabs")
     session.page.wait_for_selector("#design .compare tbody td")
-    session.complete_step("sphere of the paper in the design bench")
+    session.complete_step("sphere of the paper in the Design tab")
     session.button("Pin")
     session.select("Start from a bundled sensor", "paper-hyperboloidal")
     session.page.locator(".compare tbody tr").nth(1).wait_for()

@@ -112,7 +112,7 @@ READS = {
     "apps.studio.pages": "a file of the package",
     "apps.studio._standalone_page": "a file of the package",
     "apps.reports": "a file of the package, and one that it wrote",
-    "apps.studio._bench_files": "a file that it wrote",
+    "apps.studio._design_files": "a file that it wrote",
     "apps.studio._export_process": "files that it wrote, and an archive in memory",
     "apps.cli._process_state": "standard streams and the null device",
     "io.image_sequences": "standard input, to a file",
@@ -142,7 +142,7 @@ READS = {
     "base.block_runner": PARSED_OWN,
     "base.worker_processes": PARSED_OWN,
     "optics.testing": PARSED_OWN,
-    "apps.studio._bench_tolerances": PARSED_OWN,
+    "apps.studio._design_tolerances": PARSED_OWN,
 }
 """Modules with such calls, and the reason for which their input is bounded."""
 

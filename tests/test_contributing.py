@@ -167,12 +167,12 @@ class Paraboloid(Mirror):
 """
 MIRROR_USE = """
 import omnimirror as om
-from omnimirror.apps.studio._bench_sensors import bench_start
+from omnimirror.apps.studio._design_sensors import design_start
 from omnimirror.optics.mirrors.bowl import Paraboloid
 from omnimirror.optics.testing import check_mirror
 
 check_mirror(Paraboloid(20.0, 44.0))
-print("bowl" in [mirror.kind for mirror in bench_start().mirrors])
+print("bowl" in [mirror.kind for mirror in design_start().mirrors])
 text = om.sensor_template()
 print('kind = "bowl"' in text)
 """

@@ -468,8 +468,8 @@ def test_unusable_plugins_are_reported_and_omitted(installed, environment, tmp_p
     assert len(run.stderr.splitlines()) == 1
     assert 'kind = "bowl"' in (tmp_path / "new.toml").read_text()
     form = (
-        "from omnimirror.apps.studio._bench_sensors import bench_start; print([m.kind for m in "
-        "bench_start().mirrors])"
+        "from omnimirror.apps.studio._design_sensors import design_start; print([m.kind for m in "
+        "design_start().mirrors])"
     )
     run = subprocess.run(
         [sys.executable, "-c", form], env=environment, capture_output=True, text=True

@@ -83,11 +83,11 @@ def scene_to_image() -> None:
 
 
 def slider_to_plot() -> None:
-    from omnimirror.apps.studio._bench_evaluation import answer
-    from omnimirror.apps.studio._bench_sensors import on_bench
-    from omnimirror.apps.studio.bench_messages import DesignRequest
+    from omnimirror.apps.studio._design_evaluation import answer
+    from omnimirror.apps.studio._design_sensors import tables_from_sensor
+    from omnimirror.apps.studio.design_messages import DesignRequest
 
-    sensor = on_bench(om.load_sensor("paper-spherical"))
+    sensor = tables_from_sensor(om.load_sensor("paper-spherical"))
     answer(
         DesignRequest(
             slot=0,

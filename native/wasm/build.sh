@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The kernel of the bench that does without a server, as WebAssembly: src/omnimirror/apps/studio/kernel.wasm. It is
+# The kernel of the Design tab that does without a server, as WebAssembly: src/omnimirror/apps/studio/kernel.wasm. It is
 # committed, like the page, so that nobody needs a compiler for it; zig brings one with the libraries of this target:
 #   python -m venv out/zig && out/zig/bin/pip install ziglang && native/wasm/build.sh out/zig/bin/python -m ziglang
 set -euo pipefail

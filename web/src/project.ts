@@ -22,7 +22,7 @@ const KIND = "omnimirror project";
 const VERSION = 1;
 const ENDING = ".omnimirror";
 const MAX_BYTES = 256 << 20; // maximum size of an embedded image
-const BENCH = "omnimirror-bench";
+const DESIGN_TAB = "omnimirror-design";
 
 /** Content of a project file: the state, and the image and sensor that it requires. */
 interface Project {
@@ -32,8 +32,8 @@ interface Project {
   state: string;
   image: { name: string; type: string; data: string } | null;
   sensor: { name: string; optics?: "mirror" | "fisheye"; isMade?: boolean; text: string } | null;
-  /** Design bench: design, history, pinned designs. */
-  bench: string | null;
+  /** Design tab: design, history, pinned designs. */
+  tab: string | null;
 }
 
 /** Project files: save the complete state, and restore it anywhere with identical pixels. */
@@ -87,7 +87,7 @@ export class ProjectMenu {
             text: await sensor.blob.text(),
           }
         : null,
-      bench: load(sessions, BENCH) ?? load(locals, BENCH),
+      tab: load(sessions, DESIGN_TAB) ?? load(locals, DESIGN_TAB),
     };
     const name = `${(image?.name ?? "project").replace(/\.\w+$/, "")}${ENDING}`;
     save(new Blob([JSON.stringify(project)], { type: "application/json" }), name);
@@ -139,8 +139,8 @@ export class ProjectMenu {
       await keep(entry.id, { blob, name, optics, isMade });
       state.sensor = entry.id;
     }
-    if (project.bench) put([sessions, locals], BENCH, project.bench);
-    this.store.leaving = () => {}; // the current bench must not overwrite the loaded one
+    if (project.tab) put([sessions, locals], DESIGN_TAB, project.tab);
+    this.store.leaving = () => {}; // the current tab must not overwrite the loaded one
     this.store.set(state);
     location.reload();
   }
@@ -157,7 +157,7 @@ function projectIn(text: string): Project {
     throw new api.RequestRejected(
       `The project file has version ${String(result.version)}; this version of omnimirror supports version ${VERSION}. Update omnimirror.`,
     );
-  return { image: null, sensor: null, bench: null, ...result } as Project;
+  return { image: null, sensor: null, tab: null, ...result } as Project;
 }
 
 async function base64(blob: Blob): Promise<string> {

@@ -1,14 +1,14 @@
 import { background } from "./shared/background";
 import type { begin as beginDesign } from "./design/entry";
-import type { Bench } from "./design/bench";
-import type { Host as BenchHost } from "./design/host";
+import type { DesignTab } from "./design/design_tab";
+import type { Host as DesignHost } from "./design/host";
 import type { begin as beginCalibrate } from "./calibrate/entry";
 import type { Calibrate } from "./calibrate/calibrate";
 import type { Host as CalibrateHost } from "./calibrate/host";
 import type { Look } from "./look/look";
 import { isUserError } from "./shared/api";
 import { byId, embeddedData } from "./shared/dom";
-import type { StandaloneBench } from "./shared/messages";
+import type { StandaloneDesign } from "./shared/messages";
 import { banner, copy, report, say } from "./shared/notices";
 import type { State } from "./shared/state";
 import type { Store } from "./shared/store";
@@ -18,7 +18,7 @@ type LazyTab = "design" | "calibrate";
 
 /** Tabs whose scripts are loaded on first use: element and title. */
 const LAZY_TABS: Partial<Record<State["tab"], { place: LazyTab; title: string }>> = {
-  design: { place: "design", title: "The design bench" },
+  design: { place: "design", title: "The Design tab" },
   calibrate: { place: "calibrate", title: "The calibration" },
 };
 const ELEMENT_IDS = { look: "look", design: "design", calibrate: "calibrate" } as const;
@@ -33,9 +33,10 @@ interface Script {
   begin: typeof beginDesign & typeof beginCalibrate;
 }
 
-/** Load a script; null on failure. A page without a server contains that of the bench. */
+/** Load a script; null on failure. A page without a server contains that of the Design tab. */
 async function loadScript(name: LazyTab): Promise<Script | null> {
-  const embedded = name === "design" ? embeddedData<StandaloneBench>("bench-alone")?.script : null;
+  const embedded =
+    name === "design" ? embeddedData<StandaloneDesign>("standalone-design")?.script : null;
   const own = embedded && URL.createObjectURL(new Blob([embedded], { type: "text/javascript" }));
   const address = own || (import.meta.env.DEV ? `/src/${name}/entry.ts` : `./${name}.js`);
   try {
@@ -50,7 +51,7 @@ async function loadScript(name: LazyTab): Promise<Script | null> {
 /** Tabs of the page; all but the first are loaded on first use. */
 export class Tabs {
   look: Look | null = null;
-  design: Bench | null = null;
+  design: DesignTab | null = null;
   calibrate: Calibrate | null = null;
   private readonly fetching = new Set<LazyTab>();
 
@@ -110,7 +111,7 @@ export class Tabs {
   private hostOf(
     place: LazyTab,
     tab: State["tab"],
-  ): Pick<BenchHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
+  ): Pick<DesignHost, "place" | "header" | "isShown" | "say"> & { banner: typeof banner } {
     return {
       place: byId(place),
       header: document.querySelector("header .tools")!,
@@ -120,7 +121,7 @@ export class Tabs {
     };
   }
 
-  private designHost(): BenchHost {
+  private designHost(): DesignHost {
     return {
       ...this.hostOf("design", "design"),
       address: () => this.store.state.design,

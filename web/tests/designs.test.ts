@@ -1,10 +1,10 @@
-/** Designs of the bench: address, undo history, validation. */
+/** Designs of the Design tab: address, undo history, validation. */
 import { beforeEach, describe, expect, test, vi } from "vitest";
 import { fromAddress, inAddress } from "../src/design/model/address";
 import { History, placed, withEntry, type Design, type Tables } from "../src/design/model/design";
 import { keep, stored } from "../src/design/model/storage";
 import { lacking } from "../src/design/model/validation";
-import type { BenchStart, DesignSummary, ParameterInfo, PartInfo } from "../src/shared/messages";
+import type { DesignStart, DesignSummary, ParameterInfo, PartInfo } from "../src/shared/messages";
 
 const number = (name: string, more: Partial<ParameterInfo> = {}): ParameterInfo => ({
   name,
@@ -34,7 +34,7 @@ const PARTS = {
   imager: part("imager", number("width_px", { is_integer: true })),
   secondary_position: part("place", number("z_mm")),
   quantities: [{ name: "blur_px", unit: "px", meaning: "" }],
-} as unknown as BenchStart;
+} as unknown as DesignStart;
 
 const DESIGN: Design = {
   tables: {
@@ -265,7 +265,7 @@ describe("what the browser keeps", () => {
 
   test("without what is no design", () => {
     sessionStorage.setItem(
-      "omnimirror-bench",
+      "omnimirror-design",
       JSON.stringify({
         design: {},
         past: [DESIGN, 3],
@@ -280,7 +280,7 @@ describe("what the browser keeps", () => {
       pins: [{ name: "a", design: DESIGN }],
       switched: [],
     });
-    sessionStorage.setItem("omnimirror-bench", "{cut o");
+    sessionStorage.setItem("omnimirror-design", "{cut o");
     expect(stored(PARTS)).toBeNull();
   });
 });

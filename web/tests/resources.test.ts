@@ -258,7 +258,7 @@ test("a task that is begun anew closes the connection of the last one", () => {
   vi.stubGlobal("document", { baseURI: "http://127.0.0.1/" });
   const task = new ServerTask();
   const onInterruption = vi.fn();
-  for (let i = 0; i < 2; i++) task.begin("api/bench/work", [], () => {}, onInterruption);
+  for (let i = 0; i < 2; i++) task.begin("api/design/work", [], () => {}, onInterruption);
   expect(Socket.all.map((socket) => socket.readyState)).toEqual([3, 0]);
   expect(onInterruption).not.toHaveBeenCalled();
 });

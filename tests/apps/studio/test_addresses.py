@@ -18,8 +18,8 @@ from omnimirror.io import write_image
 
 from .browser import drop, open_page, serving, set_state
 from .images import pattern
-from .test_bench_page import CURRENT_DESIGN, WITHOUT_IMAGES, enter_value, wait_for_response
-from .test_bench_page import wait_for_plots as wait_for_plots
+from .test_design_page import CURRENT_DESIGN, WITHOUT_IMAGES, enter_value, wait_for_response
+from .test_design_page import wait_for_plots as wait_for_plots
 
 SPHERE = om.load_sensor("paper-spherical")
 
@@ -74,8 +74,8 @@ def placeholder_server(placeholder_rooms):
         yield address
 
 
-def bench_at(browser, address: str, context=None):
-    """Return the page with the bench at an address, and its errors."""
+def design_tab_at(browser, address: str, context=None):
+    """Return the page with the Design tab at an address, and its errors."""
     context = context or browser.new_context(
         viewport={"width": 1000, "height": 700}, bypass_csp=True
     )
@@ -88,7 +88,7 @@ def bench_at(browser, address: str, context=None):
     return page
 
 
-# -- bench
+# -- design_tab
 # -------------------------------------------------------------------------------------------
 
 SPHERE_TABLE = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
@@ -113,8 +113,8 @@ SPHERE_TABLE = {"kind": "sphere", "radius_mm": 49.9, "rim_radius_mm": 43.9}
         ('{"tables":{"mirror":', "the link is incomplete"),
     ],
 )
-def test_invalid_design_in_address_is_reported_and_bench_works(design, message, browser, server):
-    page = bench_at(browser, f"{server}#tab=design&design={quote(design)}")
+def test_invalid_design_in_address_is_reported_and_tab_works(design, message, browser, server):
+    page = design_tab_at(browser, f"{server}#tab=design&design={quote(design)}")
     text = banner(page)
     assert message in text
     assert "server" not in text
@@ -132,7 +132,7 @@ def test_invalid_design_in_address_is_reported_and_bench_works(design, message, 
 
 
 def test_links_replace_design_unless_invalid(browser, server):
-    page = bench_at(browser, f"{server}#tab=design")
+    page = design_tab_at(browser, f"{server}#tab=design")
     design = page.evaluate(f"JSON.parse(JSON.stringify({CURRENT_DESIGN}))")
     design["tables"]["mirror"]["radius_mm"] = 55.0
     set_address(page, f"tab=design&design={quote(json.dumps(design))}")
@@ -147,7 +147,7 @@ def test_links_replace_design_unless_invalid(browser, server):
 
 
 def test_immediate_reload_keeps_change_and_undo_history(browser, server):
-    page = bench_at(browser, f"{server}#tab=design")
+    page = design_tab_at(browser, f"{server}#tab=design")
     page.wait_for_function("location.hash.includes('design')")
     page.get_by_label("Focal length", exact=True).fill("12.5")
     page.evaluate("document.activeElement.blur(); location.reload()")
@@ -167,9 +167,9 @@ def test_immediate_reload_keeps_change_and_undo_history(browser, server):
 
 @pytest.mark.full
 def test_two_tabs_have_independent_designs_and_undo_histories(browser, server):
-    first = bench_at(browser, f"{server}#tab=design")
+    first = design_tab_at(browser, f"{server}#tab=design")
     enter_value(first, "F-number", "5.6")
-    second = bench_at(browser, f"{server}#tab=design", first.context)
+    second = design_tab_at(browser, f"{server}#tab=design", first.context)
     wait_for_response(second)
     enter_value(second, "F-number", "8")
     first.reload()
@@ -183,7 +183,7 @@ def test_two_tabs_have_independent_designs_and_undo_histories(browser, server):
 
 @pytest.mark.full
 def test_request_that_closes_connection_is_repeated_a_limited_number_of_times(browser, server):
-    page = bench_at(browser, f"{server}#tab=design")
+    page = design_tab_at(browser, f"{server}#tab=design")
     count = page.evaluate("""() => new Promise((resolve) => {
       const { design } = window.omnimirror.tabs;
       let count = 0;

@@ -8,7 +8,7 @@ from omnimirror.io import write_image
 
 from .browser import drop, open_page, set_state
 from .images import pattern
-from .test_bench_page import WITHOUT_IMAGES
+from .test_design_page import WITHOUT_IMAGES
 from .test_page import AXE
 
 SIZES = [(360, 740), (768, 1024), (1280, 800), (2560, 1440), (844, 390)]

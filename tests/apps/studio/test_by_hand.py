@@ -1,4 +1,4 @@
-"""Mirrors and limits edited on the plots of the bench, and feasible ranges of sliders."""
+"""Mirrors and limits edited on the plots of the Design tab, and feasible ranges of sliders."""
 
 from __future__ import annotations
 
@@ -8,17 +8,26 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_requirements import requirements_for, slider_violations
-from omnimirror.apps.studio._bench_sensors import edited_sensor, sensor_on_bench, why_not_optimised
+from omnimirror.apps.studio._design_requirements import requirements_for, slider_violations
+from omnimirror.apps.studio._design_sensors import (
+    edited_sensor,
+    sensor_from_tables,
+    why_not_optimised,
+)
 from omnimirror.apps.studio._search_process import perform
-from omnimirror.apps.studio.bench_messages import CurveEdit, SearchTask, SliderRequest, SliderValues
+from omnimirror.apps.studio.design_messages import (
+    CurveEdit,
+    SearchTask,
+    SliderRequest,
+    SliderValues,
+)
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.design.requirement_check import check_requirements
 from omnimirror.optics.sensor_files import bundled_sensors, tables_of
 
-from .test_bench_page import (
+from .test_design_page import (
     CURRENT_DESIGN,
-    bench,  # noqa: F401 - a fixture
+    design_tab,  # noqa: F401 - a fixture
     enter_value,
     plot_values,
     sensor_on,
@@ -84,7 +93,7 @@ def test_slider_range_agrees_with_verdicts():
     assert max(violations[0]) > 0 > max(violations[-1])
     for value, shares in zip(values, violations, strict=True):
         tables = tables_of(sphere) | {"lens": tables_of(sphere)["lens"] | {"f_number": value}}
-        sensor = sensor_on_bench(tables)
+        sensor = sensor_from_tables(tables)
         verdict = check_requirements(requirements_for(REQUIREMENTS, sensor), sensor, angles=61)
         assert (max(shares) <= 0) == verdict.is_met
 
@@ -106,67 +115,67 @@ def drag(page, handle, right: float, down: float) -> tuple[float, float]:
     return end_box["x"] - box["x"] - right, end_box["y"] - box["y"] - down
 
 
-def test_dragging_profile_updates_plots(bench):  # noqa: F811
-    before = sensor_on(bench)
-    offset = drag(bench, bench.locator(".handle.profile").first, 3, 0)
+def test_dragging_profile_updates_plots(design_tab):  # noqa: F811
+    before = sensor_on(design_tab)
+    offset = drag(design_tab, design_tab.locator(".handle.profile").first, 3, 0)
     assert np.hypot(*offset) < 1
-    after = sensor_on(bench)
+    after = sensor_on(design_tab)
     assert after.mirror.KIND == "slope-spline"
     assert after.mirror.sag(21.95) - before.mirror.sag(21.95) > 1  # mm; 3 px correspond to 2 mm
-    omega, height = plot_values(bench, "Image height")
+    omega, height = plot_values(design_tab, "Image height")
     np.testing.assert_allclose(
         height, om.evaluate(after, np.linspace(*after.field_deg, len(omega))).h_px, atol=1e-2
     )
-    bench.get_by_role("button", name="Undo").click()
-    wait_for_response(bench)
-    assert sensor_on(bench).mirror == before.mirror  # one undo step restores everything
+    design_tab.get_by_role("button", name="Undo").click()
+    wait_for_response(design_tab)
+    assert sensor_on(design_tab).mirror == before.mirror  # one undo step restores everything
 
 
 @pytest.mark.full
-def test_dragging_mapping_changes_mirror(bench):  # noqa: F811
-    handle = bench.locator(".handle.point").nth(1)
-    assert np.hypot(*drag(bench, handle, 0, -8)) < 1
-    sensor = sensor_on(bench)
+def test_dragging_mapping_changes_mirror(design_tab):  # noqa: F811
+    handle = design_tab.locator(".handle.point").nth(1)
+    assert np.hypot(*drag(design_tab, handle, 0, -8)) < 1
+    sensor = sensor_on(design_tab)
     assert sensor.mirror.KIND == "tabulated-mapping"
-    omega, height = plot_values(bench, "Image height")
+    omega, height = plot_values(design_tab, "Image height")
     np.testing.assert_allclose(
         height, om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega))).h_px, atol=1e-2
     )
     handle.focus()
     value = float(handle.get_attribute("aria-valuenow"))
-    bench.keyboard.press("Shift+ArrowDown")
-    bench.wait_for_function(
+    design_tab.keyboard.press("Shift+ArrowDown")
+    design_tab.wait_for_function(
         f"Number(document.activeElement.getAttribute('aria-valuenow')) < {value}"
     )
 
 
-def test_limits_are_plotted_and_draggable(bench):  # noqa: F811
-    bench.get_by_role("button", name="Add a requirement").click()
-    wait_for_response(bench)
-    line = bench.locator(".handle.limit-line")
-    assert np.hypot(*drag(bench, line, 0, -15)) < 1
-    limit = bench.evaluate(f"{CURRENT_DESIGN}.requirements.limit[0]")
+def test_limits_are_plotted_and_draggable(design_tab):  # noqa: F811
+    design_tab.get_by_role("button", name="Add a requirement").click()
+    wait_for_response(design_tab)
+    line = design_tab.locator(".handle.limit-line")
+    assert np.hypot(*drag(design_tab, line, 0, -15)) < 1
+    limit = design_tab.evaluate(f"{CURRENT_DESIGN}.requirements.limit[0]")
     assert limit["quantity"] == "total_blur_px"
     assert 5.5 < limit["at_most"] < 9
-    assert bench.get_by_label("Total blur at most").input_value() == f"{limit['at_most']:g}"
-    omega, blur = plot_values(bench, "Total blur")
-    sensor = sensor_on(bench)
+    assert design_tab.get_by_label("Total blur at most").input_value() == f"{limit['at_most']:g}"
+    omega, blur = plot_values(design_tab, "Total blur")
+    sensor = sensor_on(design_tab)
     result = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(omega)))
     max_blur = np.hypot(np.maximum(abs(result.blur_t_px), abs(result.blur_s_px)), result.airy_px)
     np.testing.assert_allclose(blur, max_blur, rtol=1e-4)
 
 
 @pytest.mark.full
-def test_slider_displays_feasible_range(bench):  # noqa: F811
-    bench.get_by_role("button", name="Add a requirement").click()
-    wait_for_response(bench)
-    enter_value(bench, "Total blur at most", "8.5")
-    bench.wait_for_function("document.querySelector('#design .marks .met')")
-    title = bench.get_by_label("F-number, slider", exact=True).get_attribute("title")
+def test_slider_displays_feasible_range(design_tab):  # noqa: F811
+    design_tab.get_by_role("button", name="Add a requirement").click()
+    wait_for_response(design_tab)
+    enter_value(design_tab, "Total blur at most", "8.5")
+    design_tab.wait_for_function("document.querySelector('#design .marks .met')")
+    title = design_tab.get_by_label("F-number, slider", exact=True).get_attribute("title")
     low, high = map(float, re.search(r"are met at ([\d.]*\d) to ([\d.]*\d)", title).groups())
     for f_number, is_met in ((low - 0.2, False), (low + 0.2, True), (high - 0.2, True)):
-        enter_value(bench, "F-number", f"{f_number:g}")
-        assert ("All" in bench.locator("#design .verdict").first.inner_text()) == is_met
+        enter_value(design_tab, "F-number", f"{f_number:g}")
+        assert ("All" in design_tab.locator("#design .verdict").first.inner_text()) == is_met
 
 
 def test_search_enforces_limits_on_request():
@@ -190,7 +199,7 @@ def test_search_enforces_limits_on_request():
             keeps_limits=enforces,
         )
         perform(task, messages.append)
-        sensor = sensor_on_bench(messages[-1].sensor.tables)
+        sensor = sensor_from_tables(messages[-1].sensor.tables)
         result = om.evaluate(sensor, np.linspace(0.0, sensor.field_deg[1], 361))
         values.append(np.minimum(result.dh_domega_px_per_deg, result.width_px_per_deg).min())
     assert values[0] < 2.9

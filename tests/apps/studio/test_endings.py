@@ -100,7 +100,7 @@ def test_sigterm_ends_server_and_its_searches():
     ) as server:
         port = int(re.search(r":(\d+)/", server.stdout.readline())[1])
         # the address is reachable once it is printed
-        with connect(f"ws://127.0.0.1:{port}/api/bench/work", open_timeout=None) as socket:
+        with connect(f"ws://127.0.0.1:{port}/api/design/work", open_timeout=None) as socket:
             socket.send(json.dumps(task))
             while not (searches := children_of(server.pid)):
                 time.sleep(0.01)

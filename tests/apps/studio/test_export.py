@@ -1,4 +1,4 @@
-"""Export of the design bench: files equal to those of the command line, progress, cancellation and
+"""Export of the Design tab: files equal to those of the command line, progress, cancellation and
 errors of the workshop data."""
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from omnimirror.apps.studio import _export_process, _workers
 from omnimirror.apps.studio._export_form import InvalidEntry, export_start
 from omnimirror.apps.studio._export_process import export_files
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import ExportTask
+from omnimirror.apps.studio.design_messages import ExportTask
 from omnimirror.manufacturing import FORMATS, exporter
 from omnimirror.manufacturing.tolerancing.tolerance_file import tolerance_template
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 
-RUN = "ws://127.0.0.1/api/bench/export/run"
+RUN = "ws://127.0.0.1/api/design/export/run"
 WORKSHOP = {
     "title": {"number": "OM-0042", "owner": "Optics", "date": "2026-11-22"},
     "mirror": {"material": "brass", "coating": "protected aluminium", "form_um": 0.5},

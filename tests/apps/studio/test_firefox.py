@@ -18,7 +18,7 @@ from .browser import command, view_pixels
 from .firefox import running
 from .images import pattern, psnr, python_view
 
-VIEW, BENCH = "window.omnimirror.look", "window.omnimirror.tabs.design"
+VIEW, DESIGN_TAB = "window.omnimirror.look", "window.omnimirror.tabs.design"
 
 RECORD_DOWNLOADS = """((create) => {
   const blobs = new Map();
@@ -68,18 +68,18 @@ def test_views_match_command_line(page, server, tmp_path, mode, name):
 def test_slider_updates_plots(page, server):
     page.open("about:blank")
     page.open(f"{server}#tab=design")
-    page.wait(f"{BENCH}.evaluations[0].summary")
-    before = page.evaluate(f"{BENCH}.evaluations[0].summary.field_deg[1]")
+    page.wait(f"{DESIGN_TAB}.evaluations[0].summary")
+    before = page.evaluate(f"{DESIGN_TAB}.evaluations[0].summary.field_deg[1]")
     page.click('#design input[type="range"]')
     page.click('#design input[type="number"]')
     focused = "document.activeElement.matches('#design input[type=number]')"
     page.wait(focused)
     page.keys("\ue009a\ue000", "45", "\ue007")  # Control and a, a number, Enter
-    page.wait(f"{BENCH}.evaluations[0].summary.field_deg[1] !== {before}")
-    assert page.evaluate(f"{BENCH}.history.now.tables.mirror.radius_mm") == 45.0
+    page.wait(f"{DESIGN_TAB}.evaluations[0].summary.field_deg[1] !== {before}")
+    assert page.evaluate(f"{DESIGN_TAB}.history.now.tables.mirror.radius_mm") == 45.0
     sensor = om.load_sensor("paper-spherical")
     sensor = replace(sensor, mirror=Sphere(45.0, sensor.mirror.rim_radius_mm))
-    assert page.evaluate(f"{BENCH}.evaluations[0].summary.field_deg[1]") == pytest.approx(
+    assert page.evaluate(f"{DESIGN_TAB}.evaluations[0].summary.field_deg[1]") == pytest.approx(
         sensor.field_deg[1]
     )
     curves = (
@@ -143,7 +143,7 @@ def test_video_is_displayed(page, server, tmp_path):
 def test_design_is_exported(page, server):
     page.open("about:blank")
     page.open(f"{server}#tab=design")
-    page.wait(f"{BENCH}.evaluations[0].summary")
+    page.wait(f"{DESIGN_TAB}.evaluations[0].summary")
     page.evaluate(RECORD_DOWNLOADS)
     page.evaluate(
         "[...document.querySelectorAll('button')].find((b) => b.textContent === 'Export…').click()"
@@ -172,8 +172,8 @@ def test_page_without_server_displays_views_and_designs(page, tmp_path):
     page.wait(f"{VIEW}.feed")
     assert (view_pixels(page, 200, 100)[..., 3] > 0).mean() > 0.5
     page.click('#tabs button[value="design"]')
-    page.wait(f"{BENCH}.evaluations[0].summary")
-    curve = page.evaluate(f"[...{BENCH}.evaluations[0].block('curves').column('blur_s_px')]")
+    page.wait(f"{DESIGN_TAB}.evaluations[0].summary")
+    curve = page.evaluate(f"[...{DESIGN_TAB}.evaluations[0].block('curves').column('blur_s_px')]")
     sensor = om.load_sensor("paper-spherical")
     expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, len(curve))).blur_s_px
     np.testing.assert_allclose(curve, expected, rtol=1e-6, atol=1e-5)

@@ -17,7 +17,7 @@ import omnimirror as om
 from omnimirror.apps.studio import _http_messages
 from omnimirror.apps.studio._server_state import Studio
 from omnimirror.apps.studio.app import api, create_app
-from omnimirror.apps.studio.bench_messages import ApiError
+from omnimirror.apps.studio.design_messages import ApiError
 from omnimirror.base.files import MAX_NESTING
 from omnimirror.interop.http_server import request_bodies
 from omnimirror.optics.sensor_files import tables_of
@@ -64,14 +64,14 @@ ALLOWED = [{"name": "decentre_mm", "tolerance": 0.1}]
 
 BODIES: dict[str, Any] = {
     "/api/sensor-file": FITTED,
-    "/api/bench/slides": {**DESIGN, "requirements": REQUIRED, "sliders": SLIDES},
-    "/api/bench/change": {"tables": TABLES, **DISTANCE, "target": "mirror", "to": "cone"},
-    "/api/bench/file": {"tables": TABLES, **DISTANCE, "kind": "sensor"},
-    "/api/bench/requirements": {"tables": TABLES, "requirements": REQUIRED},
-    "/api/bench/image": {"tables": TABLES, "width_px": 32, "samples": 1},
-    "/api/bench/errors": {"tables": TABLES},
-    "/api/bench/built": {"tables": TABLES, "values": {"decentre_mm": 0.1}, "refocus": "none"},
-    "/api/bench/yield": {
+    "/api/design/slides": {**DESIGN, "requirements": REQUIRED, "sliders": SLIDES},
+    "/api/design/change": {"tables": TABLES, **DISTANCE, "target": "mirror", "to": "cone"},
+    "/api/design/file": {"tables": TABLES, **DISTANCE, "kind": "sensor"},
+    "/api/design/requirements": {"tables": TABLES, "requirements": REQUIRED},
+    "/api/design/image": {"tables": TABLES, "width_px": 32, "samples": 1},
+    "/api/design/errors": {"tables": TABLES},
+    "/api/design/built": {"tables": TABLES, "values": {"decentre_mm": 0.1}, "refocus": "none"},
+    "/api/design/yield": {
         "tables": TABLES,
         "errors": ALLOWED,
         "refocus": "none",
@@ -94,10 +94,10 @@ FRAMED_BODIES: dict[str, Any] = {
     "/api/calibrate/straight": {"camera_file": "", "pose": POSE, "name": "a.png"},
 }
 """Messages that precede a file in the body."""
-FILES = {"/api/sensors", "/api/bench/open", "/api/convert", "/api/outline", "/api/calibrate/look"}
+FILES = {"/api/sensors", "/api/design/open", "/api/convert", "/api/outline", "/api/calibrate/look"}
 """Routes whose body is a file."""
 SOCKETS: dict[str, Any] = {
-    "/api/bench/ask": {
+    "/api/design/ask": {
         "slot": 0,
         "number": 1,
         **DESIGN,
@@ -106,7 +106,7 @@ SOCKETS: dict[str, Any] = {
         "include_squares": False,
         "requirements": REQUIRED,
     },
-    "/api/bench/export/run": {
+    "/api/design/export/run": {
         "tables": TABLES,
         "requirements": REQUIRED,
         **DISTANCE,
@@ -120,7 +120,7 @@ SOCKETS: dict[str, Any] = {
             "limit": 3.0,
         },
     },
-    "/api/bench/work": {
+    "/api/design/work": {
         "kind": "design",
         "tables": TABLES,
         "requirements": REQUIRED,
@@ -307,8 +307,8 @@ def test_invalid_json_is_rejected_at_any_position(path, client):
     few(
         ALL,
         "/api/sensor-file",
-        "/api/bench/change",
-        "/api/bench/requirements",
+        "/api/design/change",
+        "/api/design/requirements",
         "/api/calibrate/together",
     ),
 )

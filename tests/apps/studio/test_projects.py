@@ -13,7 +13,7 @@ from omnimirror.optics.sensor_files import save_sensor
 
 from .browser import drop, open_page, set_state, view_pixels
 from .images import pattern
-from .test_bench_page import CURRENT_DESIGN, WITHOUT_IMAGES
+from .test_design_page import CURRENT_DESIGN, WITHOUT_IMAGES
 
 STATE = {"mode": "perspective", "pan": 35, "tilt": -12, "hfov": 55, "rim": [250.0, 190.0, 150.0]}
 

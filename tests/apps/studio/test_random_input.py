@@ -11,7 +11,7 @@ from omnimirror.io import write_image
 
 from .browser import drop, open_page
 from .images import pattern
-from .test_bench_page import WITHOUT_IMAGES
+from .test_design_page import WITHOUT_IMAGES
 
 KEYS = (
     *("ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"),

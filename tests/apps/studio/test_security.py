@@ -34,13 +34,13 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 import omnimirror as om
-from omnimirror.apps.studio import _bench_files, _look_routes, _server_state, _uploads
-from omnimirror.apps.studio._bench_files import coarser, sensor_report
-from omnimirror.apps.studio._bench_sensors import sensor_on_bench
+from omnimirror.apps.studio import _design_files, _look_routes, _server_state, _uploads
+from omnimirror.apps.studio._design_files import coarser, sensor_report
+from omnimirror.apps.studio._design_sensors import sensor_from_tables
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio._server_state import Sources, Studio
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import SearchTask
+from omnimirror.apps.studio.design_messages import SearchTask
 from omnimirror.base.errors import InvalidParameter, MediaError
 from omnimirror.interop.http_server import limits, server
 from omnimirror.interop.http_server.auth import (
@@ -56,7 +56,7 @@ from omnimirror.optics.sensor_files import tables_of
 from tests.serving import in_a_loop
 
 from .browser import open_page, serving
-from .test_bench_page import WITHOUT_IMAGES
+from .test_design_page import WITHOUT_IMAGES
 from .test_invalid_bodies import FITTED
 
 LOCAL = "http://127.0.0.1"
@@ -107,11 +107,11 @@ def upload_responses(client: TestClient, tables: dict) -> list[str]:
     }
     responses = [
         client.post(route, content=tomli_w.dumps(tables)).text
-        for route in ("/api/sensors", "/api/bench/open")
+        for route in ("/api/sensors", "/api/design/open")
     ]
     routes = ("requirements",) if requirements else bodies
-    responses += [client.post(f"/api/bench/{route}", json=bodies[route]).text for route in routes]
-    with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
+    responses += [client.post(f"/api/design/{route}", json=bodies[route]).text for route in routes]
+    with client.websocket_connect("ws://127.0.0.1/api/design/ask") as socket:
         defaults = {
             "slot": 0,
             "number": 1,
@@ -178,9 +178,9 @@ def test_requests_are_within_accepted_size(client):
     """Limit of the announced length."""
     content = b" " * (MAX_MESSAGE_BYTES + 1)
     for path in (
-        "/api/bench/change",
-        "/api/bench/file",
-        "/api/bench/requirements",
+        "/api/design/change",
+        "/api/design/file",
+        "/api/design/requirements",
         "/api/sensor-file",
         "/api/sensors",
     ):
@@ -566,7 +566,7 @@ def test_image_size_of_page_limits_memory(size, client):
             "must have at most 16 million pixels" in response.json()["detail"],
         ) == (400, True)
     with pytest.raises(InvalidParameter, match=f"{width} x {height} px"):
-        sensor_report(sensor_on_bench(tables), lambda step, fraction: None)
+        sensor_report(sensor_from_tables(tables), lambda step, fraction: None)
     small = coarser(om.load_sensor("paper-spherical"), 64)
     assert max(coarser(replace(small, imager=Imager(*size, 1.0)), 64).imager.size) == 64
 
@@ -694,10 +694,10 @@ def test_full_disk_is_reported(client, monkeypatch):
     def full(*args, **kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(_bench_files.tempfile, "TemporaryDirectory", full)
+    monkeypatch.setattr(_design_files.tempfile, "TemporaryDirectory", full)
     tables = tables_of(om.load_sensor("paper-spherical"))
     request = {"tables": tables, "kind": "table", "object_distance_mm": None}
-    answer = client.post("/api/bench/file", json=request)
+    answer = client.post("/api/design/file", json=request)
     assert answer.status_code == 507
     assert (
         answer.json()["detail"]
@@ -1046,7 +1046,7 @@ def test_page_is_compressed_and_cached(path, client):
 
 
 def test_responses_are_not_cached(client):
-    for path in ("/api/start", "/api/camera/tables?id=paper-spherical", "/api/bench"):
+    for path in ("/api/start", "/api/camera/tables?id=paper-spherical", "/api/design"):
         assert client.get(path).headers["cache-control"] == "no-store"
 
 
@@ -1079,7 +1079,7 @@ def test_idle_sockets_do_not_block_other_clients(monkeypatch):
     """More than the server accepts: those idle for longest are closed, and the newest is served."""
     monkeypatch.setattr(server, "connection_limit", lambda: 20)
     with serving(Studio()) as address, ExitStack() as connections:
-        url = address.replace("http", "ws") + "api/bench/ask"
+        url = address.replace("http", "ws") + "api/design/ask"
         sockets = [connections.enter_context(connect(url, open_timeout=300)) for _ in range(30)]
         assert httpx.get(f"{address}health", timeout=300).json()["status"] == "ok"
         for closed_socket in sockets[:10]:
@@ -1095,7 +1095,7 @@ def test_idle_socket_is_closed(monkeypatch):
     monkeypatch.setattr(server, "IDLE_TIMEOUT_S", 0.2)
     with (
         serving(Studio()) as address,
-        connect(address.replace("http", "ws") + "api/bench/ask") as idle,
+        connect(address.replace("http", "ws") + "api/design/ask") as idle,
     ):
         with pytest.raises(ConnectionClosed) as closed:
             idle.recv()
@@ -1106,7 +1106,7 @@ def test_idle_socket_is_closed(monkeypatch):
 def test_invalid_utf_8_closes_socket_without_traceback(pieces, caplog):
     with (
         serving(Studio()) as address,
-        connect(address.replace("http", "ws") + "api/bench/ask") as bad,
+        connect(address.replace("http", "ws") + "api/design/ask") as bad,
     ):
         bad.send(pieces if len(pieces) > 1 else pieces[0], text=True)
         with pytest.raises(ConnectionClosed) as closed:

@@ -1,4 +1,4 @@
-"""3-D view of the bench: loading, drawing, readings, and control by mouse, touch and keys."""
+"""3-D view of the Design tab: loading, drawing, readings, and control by mouse, touch and keys."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import omnimirror as om
 
 from .browser import BASE64, COARSE, TIMEOUT_MS
-from .test_bench_page import PAGE, WITHOUT_IMAGES, enter_value, wait_for_plots, wait_for_response
+from .test_design_page import PAGE, WITHOUT_IMAGES, enter_value, wait_for_plots, wait_for_response
 from .test_page import AXE
 
 VIEW = "window.omnimirror.tabs.design.plotArea.space.view"
@@ -28,7 +28,7 @@ MAX_TOTAL = 300_000  # bytes, compressed, without the 3-D view
 
 
 @pytest.fixture
-def bench(browser, server):
+def design_tab(browser, server):
     viewport = {"width": 1280, "height": 900}
     context = browser.new_context(viewport=viewport, bypass_csp=True, has_touch=True, **COARSE)
     context.add_init_script(WITHOUT_IMAGES)
@@ -79,28 +79,28 @@ def screen_position(page, node: str) -> tuple[float, float]:
     )
 
 
-def test_3d_view_is_loaded_on_demand_and_stays_open(bench):
-    assert not any("space" in url for url in bench.fetched)
-    open_space_view(bench)
-    assert sum(url.endswith("/space.js") for url in bench.fetched) == 1
-    bench.locator(
+def test_3d_view_is_loaded_on_demand_and_stays_open(design_tab):
+    assert not any("space" in url for url in design_tab.fetched)
+    open_space_view(design_tab)
+    assert sum(url.endswith("/space.js") for url in design_tab.fetched) == 1
+    design_tab.locator(
         '.space canvas[aria-label*="mirror, body, lens"][aria-label*="from 0° to 135.0°"]'
     ).wait_for()
-    bench.reload()
-    wait_for_plots(bench)
-    bench.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
-    bench.locator(".groups label").filter(has_text="3-D view").click()
-    assert bench.locator(".space").is_hidden()
+    design_tab.reload()
+    wait_for_plots(design_tab)
+    design_tab.wait_for_function(f"{VIEW}?.frames > 0 && {VIEW}.rays.length > 0")
+    design_tab.locator(".groups label").filter(has_text="3-D view").click()
+    assert design_tab.locator(".space").is_hidden()
 
 
 @pytest.mark.full
-def test_colours_of_parts_rays_and_ground(bench):
-    bench.emulate_media(color_scheme="light")
-    open_space_view(bench)
-    light = pixels(bench)
+def test_colours_of_parts_rays_and_ground(design_tab):
+    design_tab.emulate_media(color_scheme="light")
+    open_space_view(design_tab)
+    light = pixels(design_tab)
     np.testing.assert_array_equal(light[2, 2], [255, 255, 255])
     x, y = screen_position(
-        bench, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))"
+        design_tab, f"{VIEW}.rays[0].nodes[1].map((c, i) => c + (i === 2 ? 9 : 0))"
     )  # above the vertex
     scale = COARSE["device_scale_factor"]
     mirror = light[round(scale * y), round(scale * x)]
@@ -108,22 +108,22 @@ def test_colours_of_parts_rays_and_ground(bench):
     assert mirror.max() < 240
     green = (light[..., 1] > light[..., 0] + 40) & (light[..., 1] > light[..., 2])
     assert green.sum() > 1000 * scale**2  # rays
-    bench.emulate_media(color_scheme="dark")
-    bench.wait_for_function(
+    design_tab.emulate_media(color_scheme="dark")
+    design_tab.wait_for_function(
         "getComputedStyle(document.documentElement).getPropertyValue('--panel').includes('#1c1f20')"
     )
-    np.testing.assert_array_equal(pixels(bench)[2, 2], [0x1C, 0x1F, 0x20])
+    np.testing.assert_array_equal(pixels(design_tab)[2, 2], [0x1C, 0x1F, 0x20])
 
 
-def test_selected_ray_is_marked_in_all_plots(bench):
-    open_space_view(bench)
-    index = bench.evaluate(f"{VIEW}.rays.findIndex((r) => Math.abs(r.omega - 75) < 1e-3)")
+def test_selected_ray_is_marked_in_all_plots(design_tab):
+    open_space_view(design_tab)
+    index = design_tab.evaluate(f"{VIEW}.rays.findIndex((r) => Math.abs(r.omega - 75) < 1e-3)")
     x, y = screen_position(
-        bench,
+        design_tab,
         f"{VIEW}.rays[{index}].nodes[1].map((c, i) => c + 0.012 * ({VIEW}.rays[{index}].nodes[2][i] - c))",
     )
-    bench.locator(".space canvas").click(position={"x": x, "y": y})
-    summary = bench.locator(".space output").inner_text()
+    design_tab.locator(".space canvas").click(position={"x": x, "y": y})
+    summary = design_tab.locator(".space output").inner_text()
     sensor = om.load_sensor("paper-spherical")
     e = om.evaluate(sensor, [75.0])
     assert summary.startswith("Field angle 75.0°")
@@ -137,64 +137,64 @@ def test_selected_ray_is_marked_in_all_plots(bench):
         (75 + e.theta_deg[0]) / 2, abs=0.01
     )  # about the normal, half of the total
     assert np.hypot(u - 511.5, v - 511.5) == pytest.approx(e.h_px[0], abs=0.1)
-    assert bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega") == pytest.approx(
-        75, abs=1e-3
-    )
-    bench.locator(".space canvas").click(position={"x": 3, "y": 3})
-    assert bench.locator(".space output").inner_text().startswith("Click a ray")
+    assert design_tab.evaluate(
+        "window.omnimirror.tabs.design.plotArea.cursor.omega"
+    ) == pytest.approx(75, abs=1e-3)
+    design_tab.locator(".space canvas").click(position={"x": 3, "y": 3})
+    assert design_tab.locator(".space output").inner_text().startswith("Click a ray")
 
 
 @pytest.mark.full
-def test_3d_view_follows_sliders_and_keeps_selected_ray(bench):
-    open_space_view(bench)
-    bench.get_by_role("button", name="Ray ›").click()
-    bench.get_by_role("button", name="Ray ›").click()
-    before, orbit = bench.locator(".space output").inner_text(), bench.evaluate(ORBIT)
-    lens = bench.evaluate(f"{VIEW}.rays[0].nodes[0][2]")
-    enter_value(bench, "Distance", "200")
-    bench.wait_for_function(f"{VIEW}.rays[0].nodes[0][2] !== {lens}")
-    assert bench.evaluate(f"{VIEW}.rays[0].nodes[0][2]") == pytest.approx(-200)
-    assert bench.locator(".space output").inner_text() != before
-    assert bench.evaluate(ORBIT) == orbit
-    upright = bench.evaluate(f"{VIEW}.rays.length")
-    bench.get_by_label("All azimuths").check()
-    assert bench.evaluate(f"{VIEW}.rays.length") == 6 * upright
-    bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
-    bench.wait_for_function(f"{VIEW}.rays[0].nodes.length === 4")  # via the second mirror
-    assert bench.evaluate(ORBIT) != orbit  # new default camera
+def test_3d_view_follows_sliders_and_keeps_selected_ray(design_tab):
+    open_space_view(design_tab)
+    design_tab.get_by_role("button", name="Ray ›").click()
+    design_tab.get_by_role("button", name="Ray ›").click()
+    before, orbit = design_tab.locator(".space output").inner_text(), design_tab.evaluate(ORBIT)
+    lens = design_tab.evaluate(f"{VIEW}.rays[0].nodes[0][2]")
+    enter_value(design_tab, "Distance", "200")
+    design_tab.wait_for_function(f"{VIEW}.rays[0].nodes[0][2] !== {lens}")
+    assert design_tab.evaluate(f"{VIEW}.rays[0].nodes[0][2]") == pytest.approx(-200)
+    assert design_tab.locator(".space output").inner_text() != before
+    assert design_tab.evaluate(ORBIT) == orbit
+    upright = design_tab.evaluate(f"{VIEW}.rays.length")
+    design_tab.get_by_label("All azimuths").check()
+    assert design_tab.evaluate(f"{VIEW}.rays.length") == 6 * upright
+    design_tab.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
+    design_tab.wait_for_function(f"{VIEW}.rays[0].nodes.length === 4")  # via the second mirror
+    assert design_tab.evaluate(ORBIT) != orbit  # new default camera
 
 
-def test_3d_view_responds_to_mouse_touch_and_keys(bench):
-    open_space_view(bench)
-    canvas = bench.locator(".space canvas")
+def test_3d_view_responds_to_mouse_touch_and_keys(design_tab):
+    open_space_view(design_tab)
+    canvas = design_tab.locator(".space canvas")
     canvas.scroll_into_view_if_needed()
     box = canvas.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    orbit = lambda: bench.evaluate(f"{VIEW}.orbit")  # noqa: E731
+    orbit = lambda: design_tab.evaluate(f"{VIEW}.orbit")  # noqa: E731
     first = orbit()
 
     def drag(offset: tuple[float, float]) -> None:
-        bench.mouse.move(x, y)
-        bench.mouse.down()
-        bench.mouse.move(x + offset[0], y + offset[1], steps=4)
-        bench.mouse.up()
+        design_tab.mouse.move(x, y)
+        design_tab.mouse.down()
+        design_tab.mouse.move(x + offset[0], y + offset[1], steps=4)
+        design_tab.mouse.up()
 
     drag((60, 30))
     orbit_after_drag = orbit()
     assert orbit_after_drag["around"] < first["around"]
     assert orbit_after_drag["above"] > first["above"]
     assert orbit_after_drag["target"] == first["target"]
-    bench.keyboard.down("Shift")
+    design_tab.keyboard.down("Shift")
     drag((50, 0))
-    bench.keyboard.up("Shift")
+    design_tab.keyboard.up("Shift")
     orbit_after_pan = orbit()
     assert orbit_after_pan["target"] != first["target"]
     assert orbit_after_pan["around"] == orbit_after_drag["around"]
     canvas.focus()
-    bench.mouse.move(x, y)
-    bench.mouse.wheel(0, -300)
-    bench.wait_for_function(f"{VIEW}.orbit.distance < {orbit_after_pan['distance']}")
-    bench.keyboard.press("Home")
+    design_tab.mouse.move(x, y)
+    design_tab.mouse.wheel(0, -300)
+    design_tab.wait_for_function(f"{VIEW}.orbit.distance < {orbit_after_pan['distance']}")
+    design_tab.keyboard.press("Home")
     fitted = orbit()["distance"]
     for key, changes in (
         ("ArrowLeft", "around"),
@@ -203,11 +203,11 @@ def test_3d_view_responds_to_mouse_touch_and_keys(bench):
         ("Shift+ArrowRight", "target"),
     ):
         before = orbit()
-        bench.keyboard.press(key)
+        design_tab.keyboard.press(key)
         assert orbit()[changes] != before[changes], key
-    bench.keyboard.press("PageDown")
-    assert bench.locator(".space output").inner_text().startswith("Field angle")
-    bench.keyboard.press("Home")
+    design_tab.keyboard.press("PageDown")
+    assert design_tab.locator(".space output").inner_text().startswith("Field angle")
+    design_tab.keyboard.press("Home")
     assert orbit()["distance"] == pytest.approx(fitted)
     touch = """([dx, distance]) => {
       const canvas = document.querySelector(".space canvas"), box = canvas.getBoundingClientRect();
@@ -217,25 +217,25 @@ def test_3d_view_responds_to_mouse_touch_and_keys(bench):
       send("pointerdown", 1, 100); send("pointerdown", 2, 200);
       send("pointermove", 2, 300); send("pointerup", 1, 100); send("pointerup", 2, 300);
     }"""
-    bench.evaluate(touch, [0, 0])
+    design_tab.evaluate(touch, [0, 0])
     assert orbit()["distance"] == pytest.approx(fitted / 2)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (360, "dark")])
-def test_accessibility_of_3d_view(width, scheme, bench):
+def test_accessibility_of_3d_view(width, scheme, design_tab):
     if not AXE.exists():
         pytest.skip("axe-core is not here: `npm ci` in web/, or `make node`, fetches it")
-    bench.set_viewport_size({"width": width, "height": 800})
-    bench.emulate_media(color_scheme=scheme)
-    open_space_view(bench)
-    bench.get_by_role("button", name="Ray ›").click()
-    bench.add_script_tag(path=AXE)
-    violations = bench.evaluate(
+    design_tab.set_viewport_size({"width": width, "height": 800})
+    design_tab.emulate_media(color_scheme=scheme)
+    open_space_view(design_tab)
+    design_tab.get_by_role("button", name="Ray ›").click()
+    design_tab.add_script_tag(path=AXE)
+    violations = design_tab.evaluate(
         "axe.run('.space', { rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
     )
     assert [v["id"] for v in violations if v["impact"] in ("serious", "critical")] == []
-    assert bench.evaluate("document.scrollingElement.scrollWidth") <= width
+    assert design_tab.evaluate("document.scrollingElement.scrollWidth") <= width
 
 
 def test_missing_webgl2_is_reported(browser, server):

@@ -1,10 +1,10 @@
-/** Requests of the bench: to the server, or to the page itself. */
+/** Requests of the Design tab: to the server, or to the page itself. */
 import * as api from "../shared/api";
 import { embeddedData } from "../shared/dom";
 import type {
-  StandaloneBench,
-  BenchSensor,
-  BenchStart,
+  StandaloneDesign,
+  DesignSensor,
+  DesignStart,
   DesignChange,
   FileRequest,
   ImportedFile,
@@ -17,14 +17,15 @@ import { EvaluationSocket } from "./evaluation_socket";
 import type { Evaluation } from "./evaluation";
 
 /** Data of a page without a server; null if there is a server. */
-export const alone = embeddedData<StandaloneBench>("bench-alone");
+export const alone = embeddedData<StandaloneDesign>("standalone-design");
 const localEvaluator = alone && new LocalEvaluator(alone);
 
 const WITH_THE_PROGRAM = "requires the installed program.";
 
-export const benchStart = async (): Promise<BenchStart> => (alone ? alone.start : api.benchStart());
+export const designStart = async (): Promise<DesignStart> =>
+  alone ? alone.start : api.designStart();
 
-export async function bundled(name: string): Promise<BenchSensor> {
+export async function bundled(name: string): Promise<DesignSensor> {
   if (!alone) return api.bundled(name);
   const result = alone.start.sensors.indexOf(name);
   if (result < 0)
@@ -35,7 +36,7 @@ export async function bundled(name: string): Promise<BenchSensor> {
 }
 
 /** Change the type of a part, or the focus; a page without a server supports the focus only. */
-export async function change(request: DesignChange): Promise<BenchSensor> {
+export async function change(request: DesignChange): Promise<DesignSensor> {
   if (!localEvaluator) return api.change(request);
   const focus =
     Math.round(1000 * localEvaluator.bestFocus(request.tables, request.object_distance_mm)) / 1000; // 1 um, finer than the setting accuracy of lenses

@@ -44,7 +44,7 @@ export class EvaluationSocket {
   }
 
   private connect(): void {
-    const socket = new WebSocket(socketAddress("api/bench/ask"));
+    const socket = new WebSocket(socketAddress("api/design/ask"));
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.report(false);

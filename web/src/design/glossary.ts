@@ -47,7 +47,7 @@ const TERMS: [term: string, meaning: string][] = [
   ["Pin", "stores the design for comparison, drawn in another colour and line style"],
 ];
 
-/** Create the glossary of the bench. */
+/** Create the glossary of the Design tab. */
 export function glossary(vocabulary: QuantityInfo[], shown: string[]): HTMLElement {
   const quantities = vocabulary
     .filter((q) => shown.includes(q.name))

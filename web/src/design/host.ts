@@ -1,4 +1,4 @@
-/** Interface of the page for the bench. */
+/** Interface of the page for the Design tab. */
 export interface Host {
   place: HTMLElement;
   header: HTMLElement;

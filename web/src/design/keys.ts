@@ -1,4 +1,4 @@
-/** Keyboard actions of the bench. */
+/** Keyboard actions of the Design tab. */
 interface Acts {
   isShown: () => boolean;
   undo: () => void;

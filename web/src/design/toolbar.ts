@@ -1,39 +1,39 @@
 import { background } from "../shared/background";
 import { allow, h, save } from "../shared/dom";
 import { checkReadable } from "../shared/media";
-import type { BenchSensor } from "../shared/messages";
+import type { DesignSensor } from "../shared/messages";
 import type { Design, Tables } from "./model/design";
 import type { Host } from "./host";
 import * as supply from "./data_source";
 
-/** Interface of the bench for the toolbar. */
+/** Interface of the Design tab for the toolbar. */
 interface Callbacks {
   sensors: readonly string[];
   history: { now: Design; canUndo: boolean; canRedo: boolean };
   undo: () => void;
   redo: () => void;
   pin: () => void;
-  take: (sensor: BenchSensor, words: string) => void;
+  take: (sensor: DesignSensor, words: string) => void;
   takeRequirements: (requirements: Tables) => void;
   openExport: () => void;
   fail: (e: unknown) => void;
 }
 
-/** Toolbar of the bench in the page header. */
+/** Toolbar of the Design tab in the page header. */
 export class Toolbar {
   private readonly undo = h("button", {
     type: "button",
     title: "Undo (Ctrl+Z)",
     "aria-label": "Undo",
     className: "undo",
-    onclick: () => this.bench.undo(),
+    onclick: () => this.tab.undo(),
   });
   private readonly redo = h("button", {
     type: "button",
     title: "Redo (Ctrl+Shift+Z)",
     "aria-label": "Redo",
     className: "redo",
-    onclick: () => this.bench.redo(),
+    onclick: () => this.tab.redo(),
   });
   private readonly file = h("input", {
     type: "file",
@@ -45,7 +45,7 @@ export class Toolbar {
 
   constructor(
     private readonly host: Host,
-    private readonly bench: Callbacks,
+    private readonly tab: Callbacks,
   ) {
     this.file.addEventListener("change", () => {
       const [file] = this.file.files ?? [];
@@ -76,14 +76,14 @@ export class Toolbar {
       nav(
         "Export the design",
         "keep",
-        h("button", { type: "button", onclick: () => bench.pin() }, "Pin"),
+        h("button", { type: "button", onclick: () => tab.pin() }, "Pin"),
         h(
           "button",
           {
             type: "button",
             title: "Files for manufacturing, lens files, tables and reports",
             "data-computes": "",
-            onclick: () => bench.openExport(),
+            onclick: () => tab.openExport(),
           },
           "Export…",
         ),
@@ -103,8 +103,8 @@ export class Toolbar {
   }
 
   show(): void {
-    allow(this.undo, this.bench.history.canUndo ? null : "There is no change to undo.");
-    allow(this.redo, this.bench.history.canRedo ? null : "There is no change to redo.");
+    allow(this.undo, this.tab.history.canUndo ? null : "There is no change to undo.");
+    allow(this.redo, this.tab.history.canRedo ? null : "There is no change to redo.");
   }
 
   /** Open a sensor file or a requirement file. */
@@ -112,9 +112,9 @@ export class Toolbar {
     await this.try(async () => {
       await checkReadable(file, name);
       const { sensor, requirements } = await supply.openFile(file, name);
-      if (sensor) this.bench.take(sensor, `${name} loaded`);
+      if (sensor) this.tab.take(sensor, `${name} loaded`);
       if (!requirements) return;
-      this.bench.takeRequirements(requirements);
+      this.tab.takeRequirements(requirements);
       this.host.say(
         requirements.mirror
           ? `${name}: requirements loaded; Design from requirements searches for a design`
@@ -132,7 +132,7 @@ export class Toolbar {
   }
 
   private sensorFile(): Promise<{ blob: Blob; name: string }> {
-    const { tables, distance } = this.bench.history.now;
+    const { tables, distance } = this.tab.history.now;
     return supply.download({ tables, kind: "sensor", object_distance_mm: distance });
   }
 
@@ -148,12 +148,12 @@ export class Toolbar {
       "select",
       { "aria-label": "Start from a bundled sensor" },
       h("option", { value: "" }, "Start from…"),
-      ...this.bench.sensors.map((name) => h("option", { value: name }, name)),
+      ...this.tab.sensors.map((name) => h("option", { value: name }, name)),
     );
     select.addEventListener("change", () => {
       const name = select.value;
       select.value = "";
-      background(this.try(async () => this.bench.take(await supply.bundled(name), "")));
+      background(this.try(async () => this.tab.take(await supply.bundled(name), "")));
     });
     return select;
   }
@@ -162,11 +162,11 @@ export class Toolbar {
     try {
       await act();
     } catch (e) {
-      this.bench.fail(e);
+      this.tab.fail(e);
     }
   }
 
-  /** Open files that are dropped on the bench. */
+  /** Open files that are dropped in the Design tab. */
   private bindDropping(): void {
     document.addEventListener(
       "drop",

@@ -1,7 +1,7 @@
 import { pack, unpack } from "./binary_messages";
 import type {
-  BenchSensor,
-  BenchStart,
+  DesignSensor,
+  DesignStart,
   BoardDetectionRequest,
   BoardDetection,
   AsBuiltResult,
@@ -130,30 +130,30 @@ export const sensorFile = async (request: SensorFileRequest): Promise<string> =>
 
 // -- tab Design -----------------------------------------------------------------------------------
 
-export const benchStart = (): Promise<BenchStart> => getJson("api/bench");
-export const bundled = (name: string): Promise<BenchSensor> =>
-  getJson("api/bench/sensor", { name });
-export const change = (request: DesignChange): Promise<BenchSensor> =>
-  json(posted("api/bench/change", request));
+export const designStart = (): Promise<DesignStart> => getJson("api/design");
+export const bundled = (name: string): Promise<DesignSensor> =>
+  getJson("api/design/sensor", { name });
+export const change = (request: DesignChange): Promise<DesignSensor> =>
+  json(posted("api/design/change", request));
 export const feasibleRanges = (request: SliderRequest): Promise<SliderViolations> =>
-  json(posted("api/bench/slides", request));
+  json(posted("api/design/slides", request));
 export const openFile = (file: Blob, name: string): Promise<ImportedFile> =>
-  json(uploaded("api/bench/open", file, { name }));
+  json(uploaded("api/design/open", file, { name }));
 export const requirements = async (file: RequirementFileRequest): Promise<Blob> =>
-  (await posted("api/bench/requirements", file)).blob();
+  (await posted("api/design/requirements", file)).blob();
 
 export async function download(request: FileRequest): Promise<{ blob: Blob; name: string }> {
-  const answer = await posted("api/bench/file", request);
+  const answer = await posted("api/design/file", request);
   const name =
     /filename="(.*)"/.exec(answer.headers.get("content-disposition") ?? "")?.[1] ?? "design";
   return { blob: await answer.blob(), name };
 }
 
-export const exportStart = (): Promise<ExportStart> => getJson("api/bench/export");
+export const exportStart = (): Promise<ExportStart> => getJson("api/design/export");
 
 /** Request the rendered image of a room for a design, and its panorama. */
 export async function renderRoom(request: RenderRequest): Promise<{ image: Blob; panorama: Blob }> {
-  const data = await (await posted("api/bench/image", request)).arrayBuffer();
+  const data = await (await posted("api/design/image", request)).arrayBuffer();
   const { header, start } = unpack<RenderHeader>(data);
   const middle = start + header.image_bytes;
   const jpeg = (from: number, to: number): Blob =>
@@ -162,15 +162,15 @@ export async function renderRoom(request: RenderRequest): Promise<{ image: Blob;
 }
 
 export const errors = (request: ErrorSourcesRequest): Promise<ErrorSourceList> =>
-  json(posted("api/bench/errors", request));
+  json(posted("api/design/errors", request));
 export const yields = (request: YieldRequest): Promise<YieldResult> =>
-  json(posted("api/bench/yield", request));
+  json(posted("api/design/yield", request));
 
 /** Request an as-built sensor: header, object positions, and displacements by calibration. */
 export async function built(
   request: AsBuiltRequest,
 ): Promise<AsBuiltResult & { places: Float32Array; left: Float32Array[] }> {
-  const data = await (await posted("api/bench/built", request)).arrayBuffer();
+  const data = await (await posted("api/design/built", request)).arrayBuffer();
   const { header, start } = unpack<AsBuiltResult>(data);
   const pairs = (k: number): Float32Array =>
     new Float32Array(data, start + 8 * header.objects * k, 2 * header.objects);

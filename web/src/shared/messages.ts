@@ -33,37 +33,6 @@ export interface AsBuiltResult {
   tables: Record<string, any> | null;
 }
 
-/** Sensor on the bench. */
-export interface BenchSensor {
-  tables: Record<string, any>;
-  /** whether the lens position follows the mapping of the mirror */
-  follows_mapping: boolean;
-}
-
-/** Initial data of the bench. */
-export interface BenchStart {
-  mirrors: PartInfo[];
-  secondaries: PartInfo[];
-  lenses: PartInfo[];
-  imager: PartInfo;
-  /** position of a second mirror */
-  secondary_position: PartInfo;
-  /** mirror distance */
-  mount: PartInfo;
-  /** misalignment of the mirror */
-  pose: PartInfo;
-  /** quantities that can be plotted over the field angle */
-  columns: QuantityInfo[];
-  /** quantities that requirements can limit */
-  quantities: QuantityInfo[];
-  /** quantities whose limits specify a spatial frequency */
-  of_frequency: string[];
-  merits: QuantityInfo[];
-  /** freeform parametrisations for mirror optimisation */
-  shapes: string[];
-  sensors: string[];
-}
-
 /** Block of float32 values: named columns of equal length, stored column by column. */
 export interface Block {
   name: string;
@@ -304,7 +273,38 @@ export interface DesignResponse {
   requirements_error: string | null;
   blocks: Block[];
   /** deformed design */
-  edited: BenchSensor | null;
+  edited: DesignSensor | null;
+}
+
+/** Sensor in the Design tab. */
+export interface DesignSensor {
+  tables: Record<string, any>;
+  /** whether the lens position follows the mapping of the mirror */
+  follows_mapping: boolean;
+}
+
+/** Initial data of the Design tab. */
+export interface DesignStart {
+  mirrors: PartInfo[];
+  secondaries: PartInfo[];
+  lenses: PartInfo[];
+  imager: PartInfo;
+  /** position of a second mirror */
+  secondary_position: PartInfo;
+  /** mirror distance */
+  mount: PartInfo;
+  /** misalignment of the mirror */
+  pose: PartInfo;
+  /** quantities that can be plotted over the field angle */
+  columns: QuantityInfo[];
+  /** quantities that requirements can limit */
+  quantities: QuantityInfo[];
+  /** quantities whose limits specify a spatial frequency */
+  of_frequency: string[];
+  merits: QuantityInfo[];
+  /** freeform parametrisations for mirror optimisation */
+  shapes: string[];
+  sensors: string[];
 }
 
 /** Scalar properties of a design. */
@@ -449,7 +449,7 @@ export interface Health {
 
 /** Imported file: a sensor or requirements. */
 export interface ImportedFile {
-  sensor: BenchSensor | null;
+  sensor: DesignSensor | null;
   requirements: Record<string, any> | null;
 }
 
@@ -712,19 +712,6 @@ export interface Source {
   command: string;
 }
 
-/** Bench data of a page without a server. */
-export interface StandaloneBench {
-  start: BenchStart;
-  /** sensors in the order of their names in start */
-  sensors: BenchSensor[];
-  /** parameters of the focus search of the compiled evaluator */
-  search: number[];
-  /** compiled evaluator, WebAssembly in base64 */
-  kernel: string;
-  /** script of the bench */
-  script: string;
-}
-
 /** Camera of a page without a server, for any mount. */
 export interface StandaloneCamera {
   entry: SensorEntry;
@@ -734,6 +721,19 @@ export interface StandaloneCamera {
   tables: string;
   /** rendered image of a room as a data URL; empty if there is none */
   room: string;
+}
+
+/** Design data of a page without a server. */
+export interface StandaloneDesign {
+  start: DesignStart;
+  /** sensors in the order of their names in start */
+  sensors: DesignSensor[];
+  /** parameters of the focus search of the compiled evaluator */
+  search: number[];
+  /** compiled evaluator, WebAssembly in base64 */
+  kernel: string;
+  /** script of the Design tab */
+  script: string;
 }
 
 /** Data of a page without a server for arbitrary images. */
@@ -777,7 +777,7 @@ export interface TaskStatus {
   /** current merit */
   value: number | null;
   /** result; without relaxations while running */
-  sensor: BenchSensor | null;
+  sensor: DesignSensor | null;
   relaxations: RelaxationOption[];
 }
 

@@ -45,9 +45,9 @@ export interface State {
   pitch: number | null;
   roll: number | null;
   tab: (typeof TABS)[number];
-  /** Design on the bench, encoded by the bench. */
+  /** Design, encoded by the Design tab. */
   design: string;
-  /** Errors of the design, encoded by the bench; "" for none. */
+  /** Errors of the design, encoded by the Design tab; "" for none. */
   errors: string;
 }
 

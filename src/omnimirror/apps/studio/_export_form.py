@@ -9,7 +9,7 @@ from typing import Any
 from ...base.errors import InvalidParameter, extra_remedy
 from ...manufacturing.exporter import DEFAULT_FORMATS, FORMATS, missing_packages
 from ...manufacturing.workshop import TABLES, Workshop
-from .bench_messages import ExportableFile, ExportStart, WorkshopEntry, WorkshopSection
+from .design_messages import ExportableFile, ExportStart, WorkshopEntry, WorkshopSection
 
 TITLES = {
     "step": "Solid model (STEP)",

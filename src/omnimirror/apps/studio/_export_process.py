@@ -27,10 +27,10 @@ from ...manufacturing.tolerancing.tolerances import Tolerance, Tolerances
 from ...manufacturing.workshop import Workshop
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import format_sensor
-from ._bench_files import File, evaluation_table, requirement_file, sensor_report, stem_of
-from ._bench_sensors import sensor_on_bench
+from ._design_files import File, evaluation_table, requirement_file, sensor_report, stem_of
+from ._design_sensors import sensor_from_tables
 from ._export_form import DOCUMENTS, LABELS, SECTIONS, InvalidEntry, workshop_of
-from .bench_messages import ExportStatus, ExportTask, distance_of
+from .design_messages import ExportStatus, ExportTask, distance_of
 
 TRIALS = 10_000
 """Number of trials of the tolerance report, the default of ``omnimirror tolerance``."""
@@ -60,7 +60,7 @@ def export_files(task: ExportTask, on_progress: OnProgress) -> ExportResult:
             raise InvalidParameter(
                 f"formats must be from {', '.join((*FORMATS, *DOCUMENTS))}; got {name!r}"
             )
-    sensor = sensor_on_bench(task.tables)
+    sensor = sensor_from_tables(task.tables)
     tolerances = {} if task.tolerances is None else _sizes(task)
     workshop = workshop_of(task.workshop, tolerances)
     formats = [name for name in task.formats if name in FORMATS]

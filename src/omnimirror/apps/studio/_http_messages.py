@@ -21,7 +21,7 @@ M = TypeVar("M", bound=Message)
 def framed(header: Message, *parts: bytes) -> bytes:
     """Encode a header and its payload as one message.
 
-    >>> from .bench_messages import ApiError
+    >>> from .design_messages import ApiError
     >>> framed(ApiError(path=(), message="no"), b"abcd")
     b'\\x1c\\x00\\x00\\x00{"path":[],"message":"no"}  abcd'
     """
@@ -38,7 +38,7 @@ def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
     InvalidMessage
         If the message is invalid.
 
-    >>> from .bench_messages import ApiError
+    >>> from .design_messages import ApiError
     >>> unframed(framed(ApiError(path=(), message="no"), b"abcd"), ApiError)
     (ApiError(path=(), message='no'), b'abcd')
     """

@@ -21,9 +21,14 @@ from ...design.requirements import Requirements
 from ...optics.housing import Housing
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
-from ._bench_requirements import relaxation_options, requirements_for
-from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench, why_not_optimised
-from .bench_messages import RelaxationOption, SearchTask, TaskStatus, distance_of
+from ._design_requirements import relaxation_options, requirements_for
+from ._design_sensors import (
+    aligned_sensor,
+    sensor_from_tables,
+    tables_from_sensor,
+    why_not_optimised,
+)
+from .design_messages import RelaxationOption, SearchTask, TaskStatus, distance_of
 
 OnProgress = Callable[[TaskStatus], None]
 
@@ -31,7 +36,7 @@ OnProgress = Callable[[TaskStatus], None]
 def perform(task: SearchTask, on_progress: OnProgress) -> None:
     """Run a task and report its progress; the last message contains the sensor or an error."""
     try:
-        sensor = sensor_on_bench(task.tables)
+        sensor = sensor_from_tables(task.tables)
         (_optimise if task.kind == "optimise" else _design)(task, sensor, on_progress)
     except OmnimirrorError as e:
         on_progress(_status("failed", str(e)))
@@ -131,7 +136,7 @@ def _status(
         message=message,
         fraction=fraction,
         value=value,
-        sensor=on_bench(sensor) if sensor is not None else None,
+        sensor=tables_from_sensor(sensor) if sensor is not None else None,
         relaxations=relaxations,
     )
 

@@ -1,4 +1,4 @@
-"""Page that works without a server, from disk or any web server: cameras, images and design bench."""
+"""Page that works without a server, from disk or any web server: cameras, images and Design tab."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from ...optics.mirrors import (
 from ...optics.sensor_files import load_sensor
 from ...simulation.rendering import SHOWN_SAMPLES, render_image
 from ...simulation.scenes.room import Room
-from ._bench_sensors import bench_start, on_bench
 from ._camera_tables import camera_tables
+from ._design_sensors import design_start, tables_from_sensor
 from ._look_cameras import Cameras, NamedCamera
 from ._uploads import encoded
-from .bench_messages import BenchSensor, PartInfo, StandaloneBench
+from .design_messages import DesignSensor, PartInfo, StandaloneDesign
 from .look_messages import StandaloneCamera, StandalonePage
 from .pages import base64_of, inside, page_with_messages, script_text
 
-# -- Design bench without a server -----------------------------------------------------------------
+# -- Design tab without a server -------------------------------------------------------------------
 
 KERNEL = Path(__file__).with_name("kernel.wasm")
 """Compiled design evaluator, built by native/wasm/build.sh."""
@@ -46,18 +46,20 @@ LENSES = {
 """Ideal lenses and their parameters."""
 
 
-def bench_alone() -> StandaloneBench:
-    """Return the bench for analytic mirrors with ideal lenses; the compiled evaluator in the page
+def standalone_design() -> StandaloneDesign:
+    """Return the Design tab for analytic mirrors with ideal lenses; the compiled evaluator in the page
     computes all values.
 
     Examples
     --------
-    >>> [part.kind for part in bench_alone().start.lenses]
+    >>> [part.kind for part in standalone_design().start.lenses]
     ['perspective', 'orthographic']
     """
-    start = bench_start()
+    start = design_start()
     sensors_by_name = {
-        name: sensor for name in start.sensors if is_known(sensor := on_bench(load_sensor(name)))
+        name: sensor
+        for name in start.sensors
+        if is_known(sensor := tables_from_sensor(load_sensor(name)))
     }
     parts = {
         "mirrors": tuple(part for part in start.mirrors if part.kind in MIRRORS),
@@ -66,7 +68,7 @@ def bench_alone() -> StandaloneBench:
         "sensors": tuple(sensors_by_name),
     }
     only = start.model_copy(update=parts)
-    return StandaloneBench(
+    return StandaloneDesign(
         start=only,
         sensors=tuple(sensors_by_name.values()),
         search=tuple(map(float, FOCUS_SEARCH)),
@@ -75,8 +77,8 @@ def bench_alone() -> StandaloneBench:
     )
 
 
-def is_known(sensor: BenchSensor) -> bool:
-    """Check if the bench supports a sensor without a server."""
+def is_known(sensor: DesignSensor) -> bool:
+    """Check if the Design tab supports a sensor without a server."""
     tables = sensor.tables
     mirror, lens = tables["mirror"]["kind"], tables["lens"]
     is_bare = not ({"secondary", "mirror_pose", "housing"} & set(tables))
@@ -107,7 +109,7 @@ def standalone_page(
     """Return a self-contained page that dewarps images dropped on it.
 
     The page contains the bundled sensors and mirror balls with a rendered image of a room for each
-    sensor, and the design bench for analytic mirrors with ideal lenses. Mirror outlines are fitted
+    sensor, and the Design tab for analytic mirrors with ideal lenses. Mirror outlines are fitted
     manually; automatic outline detection, levelling, restoration, searches, tolerances and
     calibrations require the server.
 
@@ -141,7 +143,8 @@ def standalone_page(
         if on_progress is not None:
             on_progress(number + 1, len(named_cameras))
     return page_with_messages(
-        alone=StandalonePage(version=__version__, cameras=tuple(cameras)), bench_alone=bench_alone()
+        alone=StandalonePage(version=__version__, cameras=tuple(cameras)),
+        standalone_design=standalone_design(),
     )
 
 

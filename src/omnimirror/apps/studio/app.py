@@ -24,8 +24,8 @@ from ...interop.http_server.limits import (
 )
 from ...interop.http_server.request_bodies import reject_invalid_bodies
 from ...interop.http_server.server import listen, run_server, server_addresses
-from ._bench_routes import add_bench
 from ._calibration_routes import add_calibrate
+from ._design_routes import add_design_routes
 from ._http_messages import REFUSALS
 from ._look_routes import add_look
 from ._server_state import Studio
@@ -94,7 +94,7 @@ def api(studio: Studio) -> FastAPI:
 
     _add_page(app, studio.stored_orientation)
     add_look(app, studio)
-    add_bench(app, studio)
+    add_design_routes(app, studio)
     add_calibrate(app, studio)
     return app
 

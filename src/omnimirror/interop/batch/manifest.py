@@ -268,5 +268,5 @@ def _pyarrow() -> tuple[Any, Any]:
         return import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError:
         raise OmnimirrorError(
-            f"Parquet tables require pyarrow: {extra_remedy('cluster')}"
+            f"a Parquet table requires pyarrow: {extra_remedy('cluster')}"
         ) from None

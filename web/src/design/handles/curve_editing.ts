@@ -2,7 +2,7 @@ import type { CurveEdit } from "../../shared/messages";
 import type { Design } from "../model/design";
 import type { EditCallbacks } from "./handle";
 
-/** Interface of the bench for manual deformation. */
+/** Interface of the Design tab for manual deformation. */
 interface Callbacks {
   /** Current design in editable form. */
   now: () => Design;

@@ -1,4 +1,4 @@
-import type { BenchStart } from "../../shared/messages";
+import type { DesignStart } from "../../shared/messages";
 import { parsed } from "../../shared/storage";
 import type { Design, Tables } from "./design";
 import { designOf, lacking } from "./validation";
@@ -12,7 +12,7 @@ export function inAddress(design: Design): string {
 }
 
 /** Decode a design of an address, or return an error message. */
-export function fromAddress(text: string, parts: BenchStart): Design | string {
+export function fromAddress(text: string, parts: DesignStart): Design | string {
   const result = parsed(text);
   if (result === undefined)
     return "The design in the address is invalid: the link is incomplete or was changed.";

@@ -4,7 +4,7 @@ import type { DesignSummary } from "../../shared/messages";
 // eslint-disable-next-line @typescript-eslint/no-explicit-any
 export type Tables = Record<string, any>;
 
-/** Complete definition of the design on the bench. */
+/** Complete definition of a design. */
 export interface Design {
   /** Sensor as the tables of its file. */
   tables: Tables;

@@ -1,9 +1,9 @@
-import type { BenchStart } from "../../shared/messages";
+import type { DesignStart } from "../../shared/messages";
 import { locals, parsed, put, sessions, load } from "../../shared/storage";
 import type { Design, History, Pin, Tables } from "./design";
 import { designOf, lacking } from "./validation";
 
-/** Browser storage of the bench; the design itself is also in the address. */
+/** Browser storage of the Design tab; the design itself is also in the address. */
 interface Stored {
   design: Design | null;
   past: Design[];
@@ -12,10 +12,10 @@ interface Stored {
   switched: string[];
 }
 
-const KEY = "omnimirror-bench";
+const KEY = "omnimirror-design";
 
 /** Return the stored state of this tab, or of the last tab; invalid parts are omitted. */
-export function stored(parts: BenchStart): Stored | null {
+export function stored(parts: DesignStart): Stored | null {
   for (const area of [sessions, locals]) {
     const result = parsed(load(area, KEY) ?? "null") as Partial<Stored> | null | undefined;
     if (result) return whole(result, parts);
@@ -23,7 +23,7 @@ export function stored(parts: BenchStart): Stored | null {
   return null;
 }
 
-function whole(result: Partial<Stored>, parts: BenchStart): Stored {
+function whole(result: Partial<Stored>, parts: DesignStart): Stored {
   const isWhole = (design: unknown): boolean => lacking(design, parts) === null;
   const list = <T>(value: T[] | undefined): T[] => (Array.isArray(value) ? value : []);
   const [past, future] = [list(result.past), list(result.future)];

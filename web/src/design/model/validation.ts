@@ -1,8 +1,8 @@
-import type { BenchStart, ParameterInfo, PartInfo } from "../../shared/messages";
+import type { DesignStart, ParameterInfo, PartInfo } from "../../shared/messages";
 import type { Design, Tables } from "./design";
 
 type Parts = Pick<
-  BenchStart,
+  DesignStart,
   "mirrors" | "secondaries" | "lenses" | "imager" | "secondary_position" | "quantities"
 >;
 

@@ -252,7 +252,7 @@ export class ExportDialog {
     this.stop("Starting…");
     this.showRunning(true);
     this.task.begin(
-      "api/bench/export/run",
+      "api/design/export/run",
       [task],
       (status) => {
         name = status.name ?? name;

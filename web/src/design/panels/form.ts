@@ -1,6 +1,6 @@
 import { h, labelledField, reveal, titledSection, unique, write } from "../../shared/dom";
 import type {
-  BenchStart,
+  DesignStart,
   ParameterInfo,
   PartInfo,
   SliderValues,
@@ -12,7 +12,7 @@ import { alone } from "../data_source";
 import { Field } from "./field";
 import type { Violations } from "./feasible_ranges";
 
-/** Interface of the bench for the form. */
+/** Interface of the Design tab for the form. */
 interface Callbacks {
   now: () => Design;
   edit: (design: Design) => void;
@@ -53,7 +53,7 @@ export class Form {
 
   constructor(
     place: HTMLElement,
-    private readonly parts: BenchStart,
+    private readonly parts: DesignStart,
     private readonly callbacks: Callbacks,
   ) {
     this.mirror = choice(

@@ -1,5 +1,5 @@
 import { h, reveal, unique, write } from "../../shared/dom";
-import type { BenchStart, DesignSummary, RequirementResult } from "../../shared/messages";
+import type { DesignStart, DesignSummary, RequirementResult } from "../../shared/messages";
 import { words } from "../../shared/numbers";
 import type { Design, Tables } from "../model/design";
 import { type Limit, limitsOf, withLimits } from "../model/requirements";
@@ -28,7 +28,7 @@ export class RequirementsPanel {
 
   constructor(
     private readonly place: HTMLElement,
-    private readonly parts: BenchStart,
+    private readonly parts: DesignStart,
     private readonly callbacks: Callbacks,
   ) {
     place.append(

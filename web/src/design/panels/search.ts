@@ -1,8 +1,8 @@
 import { ServerTask } from "../../shared/api";
 import { h, labelledField, reveal, unique, write } from "../../shared/dom";
 import type {
-  BenchSensor,
-  BenchStart,
+  DesignSensor,
+  DesignStart,
   RelaxationOption,
   TaskStatus,
   SearchTask,
@@ -15,7 +15,7 @@ import { labelledMessage, quantityWords, unitWords } from "../labels";
 interface Callbacks {
   now: () => Design;
   /** Load the result of an optimisation (`isOptimised`) or of a design. */
-  take: (result: BenchSensor, isOptimised: boolean) => void;
+  take: (result: DesignSensor, isOptimised: boolean) => void;
   /** Replace the requirements. */
   relax: (requirements: Tables) => void;
 }
@@ -84,7 +84,7 @@ export class WorkPanel {
 
   constructor(
     place: HTMLElement,
-    private readonly parts: BenchStart,
+    private readonly parts: DesignStart,
     private readonly callbacks: Callbacks,
   ) {
     this.merit = h(
@@ -139,7 +139,7 @@ export class WorkPanel {
       keeps_limits: this.keeps.checked,
     };
     const onInterruption = () => this.stop("The search was interrupted; the design is unchanged.");
-    this.task.begin("api/bench/work", [task], (status) => this.onStatus(status), onInterruption);
+    this.task.begin("api/design/work", [task], (status) => this.onStatus(status), onInterruption);
     this.relaxations.replaceChildren();
     this.running(true);
     this.status.textContent = "Starting…";

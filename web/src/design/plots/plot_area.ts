@@ -42,7 +42,7 @@ interface PlotCallbacks extends PinCallbacks {
   chosen: () => void;
 }
 
-/** Main area of the bench: table of designs and plots. */
+/** Main area of the Design tab: table of designs and plots. */
 export class PlotArea {
   readonly element: HTMLElement;
   /** Groups of plots that differ from the default. */

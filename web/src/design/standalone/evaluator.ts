@@ -1,5 +1,5 @@
-/** Evaluation of a design like apps/studio/_bench_evaluation.py: curves, cross-section, squares. */
-import type { DesignRequest, StandaloneBench, DesignSummary } from "../../shared/messages";
+/** Evaluation of a design like apps/studio/_design_evaluation.py: curves, cross-section, squares. */
+import type { DesignRequest, StandaloneDesign, DesignSummary } from "../../shared/messages";
 import type { Tables } from "../model/design";
 import type { Evaluation, Table } from "../evaluation";
 import { idealOf, InvalidDesign } from "./ideal_lens";
@@ -23,7 +23,7 @@ type Places = Pick<Table, "name"> & { x: ArrayLike<number>; z: ArrayLike<number>
 export class LocalEvaluator {
   private readonly kernel: Kernel;
 
-  constructor(private readonly data: StandaloneBench) {
+  constructor(private readonly data: StandaloneDesign) {
     this.kernel = new Kernel(data.kernel, data.search);
   }
 

@@ -1,6 +1,6 @@
 /** Input of the evaluator from the tables of a sensor file; unsupported entries raise an error. */
 import { RequestRejected } from "../../shared/api";
-import type { BenchStart, ParameterInfo, PartInfo } from "../../shared/messages";
+import type { DesignStart, ParameterInfo, PartInfo } from "../../shared/messages";
 import type { Tables } from "../model/design";
 import type { Ideal } from "./kernel";
 
@@ -56,7 +56,7 @@ function ofRim(table: Tables, first: number): number[] {
 }
 
 /** Return the input of the evaluator for a design; throws if a number is outside its valid range. */
-export function idealOf(tables: Sections, parts: BenchStart): Ideal {
+export function idealOf(tables: Sections, parts: DesignStart): Ideal {
   const { mirror, lens, imager, mount } = tables;
   within("mirror", partOf("mirror", parts.mirrors, mirror), mirror);
   within("lens", partOf("lens", parts.lenses, lens), lens);

@@ -52,7 +52,7 @@ const TRIALS = 4096;
 const SEED = 0;
 const DIGITS = 4; // decimals of random errors, which are part of the address
 
-/** Interface of the bench for the panel. */
+/** Interface of the Design tab for the panel. */
 interface Callbacks {
   now: () => Design;
   /** Render the image of the sensor with errors. */

@@ -96,7 +96,7 @@ export class SensorPanel {
     this.select.replaceChildren(...entries.map((e) => this.option(e)));
   }
 
-  /** Read a calibration file and select it; `isMade` for a design of the bench. */
+  /** Read a calibration file and select it; `isMade` for a sensor from the Design tab. */
   async load(file: Blob, name: string, optics: Optics = "mirror", isMade = false): Promise<void> {
     try {
       await checkReadable(file, name);

@@ -1,4 +1,4 @@
-"""Tolerances on the bench: server responses against trials, and interaction with the error sliders."""
+"""Tolerances in the Design tab: server responses against trials, and interaction with the error sliders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 import omnimirror as om
 from omnimirror.apps.studio._http_messages import unframed
 from omnimirror.apps.studio.app import create_app
-from omnimirror.apps.studio.bench_messages import AsBuiltResult
+from omnimirror.apps.studio.design_messages import AsBuiltResult
 from omnimirror.manufacturing.tolerancing.compensation import CALIBRATIONS, after
 from omnimirror.manufacturing.tolerancing.evaluator import TrialEvaluator
 from omnimirror.manufacturing.tolerancing.tolerances import error_sources, perturbed
@@ -21,7 +21,7 @@ from omnimirror.optics.housing import Dome, Housing
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 
 from .browser import TIMEOUT_MS
-from .test_bench_page import AXE, WITHOUT_IMAGES, bench  # noqa: F401 - a fixture
+from .test_design_page import AXE, WITHOUT_IMAGES, design_tab  # noqa: F401 - a fixture
 
 LOCAL = "http://127.0.0.1"
 SPH = om.load_sensor("paper-spherical")
@@ -40,7 +40,7 @@ def client():
 
 
 def post(path, client, **body):
-    return client.post(f"/api/bench/{path}", json={"tables": tables_of(SPH), **body})
+    return client.post(f"/api/design/{path}", json={"tables": tables_of(SPH), **body})
 
 
 def test_errors_match_sensor_except_finest_form(client):
@@ -107,9 +107,9 @@ def test_yield_matches_tolerance_analysis(client):
 @pytest.mark.full
 def test_sensors_with_sequential_tracing(client):
     covered = tables_of(replace(SPH, housing=Housing(shell=Dome(260.0, 5.0))))
-    assert not client.post("/api/bench/errors", json={"tables": covered}).json()["is_vectorised"]
+    assert not client.post("/api/design/errors", json={"tables": covered}).json()["is_vectorised"]
     body = {"tables": covered, "values": {"cover.decentre_x_mm": 0.5}, "refocus": "none"}
-    header, _ = unframed(client.post("/api/bench/built", json=body).content, AsBuiltResult)
+    header, _ = unframed(client.post("/api/design/built", json=body).content, AsBuiltResult)
     assert header.lost == 0
     assert 0 < header.motion_px[0] < 5
     assert header.straightness_deg == (None,) * len(CALIBRATIONS)
@@ -147,25 +147,25 @@ def open_errors(page):
     page.wait_for_function(IS_IDLE)
 
 
-def test_error_slider_displaces_image_and_calibration_compensates(bench):  # noqa: F811 - a fixture
-    open_errors(bench)
-    assert bench.evaluate(f"{LAST_RESULT}.motion_px")[0] < 1e-6
-    slider = bench.get_by_role("slider", name="Mirror decentre x")
+def test_error_slider_displaces_image_and_calibration_compensates(design_tab):  # noqa: F811 - a fixture
+    open_errors(design_tab)
+    assert design_tab.evaluate(f"{LAST_RESULT}.motion_px")[0] < 1e-6
+    slider = design_tab.get_by_role("slider", name="Mirror decentre x")
     slider.fill("2")  # tolerances, set by the slider
-    bench.wait_for_function(f"{LAST_RESULT}.motion_px[0] > 1")
-    bench.wait_for_function(IS_IDLE)
-    assert bench.get_by_label("Mirror decentre x", exact=True).input_value() == "0.1"
-    motion_px, _, _, residual_px, _ = bench.evaluate(f"{LAST_RESULT}.motion_px")
+    design_tab.wait_for_function(f"{LAST_RESULT}.motion_px[0] > 1")
+    design_tab.wait_for_function(IS_IDLE)
+    assert design_tab.get_by_label("Mirror decentre x", exact=True).input_value() == "0.1"
+    motion_px, _, _, residual_px, _ = design_tab.evaluate(f"{LAST_RESULT}.motion_px")
     evaluator = TrialEvaluator.of(SPH)
     expected = evaluator.evaluate({"mirror.decentre_x_mm": np.array([0.1])})[0]
     assert motion_px == pytest.approx(expected[evaluator.names.index("motion_px")], rel=1e-6)
     assert residual_px < 1e-3
-    displayed = parse_sensor_tables(bench.evaluate(f"{LAST_RESULT}.tables"))
+    displayed = parse_sensor_tables(design_tab.evaluate(f"{LAST_RESULT}.tables"))
     assert displayed.mirror_pose.decentre_x_mm == pytest.approx(0.1)
-    lines = bench.locator("svg.moved").first.locator("line")
+    lines = design_tab.locator("svg.moved").first.locator("line")
     assert lines.count() == len(evaluator.field)
-    bench.get_by_role("button", name="Reset errors").click()
-    bench.wait_for_function(f"{LAST_RESULT}.motion_px[0] < 1e-6")
+    design_tab.get_by_role("button", name="Reset errors").click()
+    design_tab.wait_for_function(f"{LAST_RESULT}.motion_px[0] < 1e-6")
 
 
 def parse_sensor_tables(tables):
@@ -174,34 +174,34 @@ def parse_sensor_tables(tables):
     return parse_sensor(tomli_w.dumps(tables))
 
 
-def test_tolerances_display_yield_and_tornado_chart(bench):  # noqa: F811
-    open_errors(bench)
-    verdict = bench.locator(".tolerance-body .verdict")
+def test_tolerances_display_yield_and_tornado_chart(design_tab):  # noqa: F811
+    open_errors(design_tab)
+    verdict = design_tab.locator(".tolerance-body .verdict")
     before = verdict.text_content()
     assert "4096 simulated sensors" in before
-    assert bench.locator("svg.tornado rect").count() == 3 * 14
-    assert "Imager shift" in bench.locator("svg.tornado").get_attribute("aria-label")
-    bench.get_by_label("Tolerance grade").select_option("coarse")
-    bench.wait_for_function(IS_IDLE)
+    assert design_tab.locator("svg.tornado rect").count() == 3 * 14
+    assert "Imager shift" in design_tab.locator("svg.tornado").get_attribute("aria-label")
+    design_tab.get_by_label("Tolerance grade").select_option("coarse")
+    design_tab.wait_for_function(IS_IDLE)
     assert float(verdict.text_content().split()[0]) < float(before.split()[0])
-    bench.get_by_label("Calibration", exact=True).select_option("none")
-    bench.wait_for_function(IS_IDLE)
+    design_tab.get_by_label("Calibration", exact=True).select_option("none")
+    design_tab.wait_for_function(IS_IDLE)
     assert verdict.text_content().startswith("0.0 %")
 
 
 @pytest.mark.full
-def test_errors_follow_design_and_end_with_panel(bench):  # noqa: F811
-    open_errors(bench)
-    assert bench.get_by_label("Mirror conic", exact=True).count() == 1
-    bench.get_by_label("Start from a bundled sensor").select_option("paper-equidistant")
-    bench.wait_for_function(
+def test_errors_follow_design_and_end_with_panel(design_tab):  # noqa: F811
+    open_errors(design_tab)
+    assert design_tab.get_by_label("Mirror conic", exact=True).count() == 1
+    design_tab.get_by_label("Start from a bundled sensor").select_option("paper-equidistant")
+    design_tab.wait_for_function(
         "window.omnimirror.tabs.design.tolerances.tables.mirror.kind === 'even-polynomial'"
     )
-    bench.wait_for_function(IS_IDLE)
-    assert bench.get_by_label("Mirror conic", exact=True).count() == 0
-    assert bench.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
-    bench.get_by_role("button", name="Close tolerances").click()
-    assert bench.locator("figure.tolerances").is_hidden()
+    design_tab.wait_for_function(IS_IDLE)
+    assert design_tab.get_by_label("Mirror conic", exact=True).count() == 0
+    assert design_tab.get_by_label("Mirror coefficients[1]", exact=True).count() == 1
+    design_tab.get_by_role("button", name="Close tolerances").click()
+    assert design_tab.locator("figure.tolerances").is_hidden()
 
 
 def panel_values(page):
@@ -215,20 +215,22 @@ def panel_values(page):
 
 
 @pytest.mark.full
-def test_link_contains_displayed_errors(bench, browser):  # noqa: F811
-    open_errors(bench)
-    initial = panel_values(bench)
+def test_link_contains_displayed_errors(design_tab, browser):  # noqa: F811
+    open_errors(design_tab)
+    initial = panel_values(design_tab)
     for title, choice in (("Tolerance grade", "fine"), ("Calibration", "affine"), ("Focus", "rms")):
-        bench.get_by_label(title, exact=True).select_option(choice)
-    bench.get_by_role("spinbutton", name="Maximum").fill("0.75")
-    bench.get_by_label("Mirror tilt x", exact=True).fill("0.123")
-    tolerance = bench.get_by_label(re.compile("Tolerance of Mirror tilt x"))
+        design_tab.get_by_label(title, exact=True).select_option(choice)
+    design_tab.get_by_role("spinbutton", name="Maximum").fill("0.75")
+    design_tab.get_by_label("Mirror tilt x", exact=True).fill("0.123")
+    tolerance = design_tab.get_by_label(re.compile("Tolerance of Mirror tilt x"))
     tolerance.fill("0.3")
     tolerance.press("Tab")
-    changed = panel_values(bench)
+    changed = panel_values(design_tab)
     assert changed != initial
-    bench.wait_for_function("location.hash.includes('0.123')")
-    link = bench.url
+    design_tab.wait_for_function(
+        "/tilt_x_deg%22%3A0.123.*tilt_x_deg%22%3A0.3%7D/.test(location.hash)"
+    )
+    link = design_tab.url
     with closing(
         browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True)
     ) as context:
@@ -254,13 +256,13 @@ def test_link_contains_displayed_errors(bench, browser):  # noqa: F811
 
 @pytest.mark.full
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_accessibility_of_tolerances(scheme, bench):  # noqa: F811
+def test_accessibility_of_tolerances(scheme, design_tab):  # noqa: F811
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")
-    bench.emulate_media(color_scheme=scheme)
-    open_errors(bench)
-    bench.add_script_tag(path=AXE)
-    violations = bench.evaluate(
+    design_tab.emulate_media(color_scheme=scheme)
+    open_errors(design_tab)
+    design_tab.add_script_tag(path=AXE)
+    violations = design_tab.evaluate(
         "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
     )
     serious = {

@@ -1,4 +1,4 @@
-"""Server of the design bench: responses against the evaluation, conversion of mirrors, files,
+"""Server of the Design tab: responses against the evaluation, conversion of mirrors, files,
 worker processes."""
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import pytest
 from starlette.testclient import TestClient
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_files import sensor_report
-from omnimirror.apps.studio._bench_sensors import spline_like
+from omnimirror.apps.studio._design_files import sensor_report
+from omnimirror.apps.studio._design_sensors import spline_like
 from omnimirror.apps.studio.app import create_app
 from omnimirror.design.requirement_files import parse_requirements
 from omnimirror.optics.image_sensor import Imager
@@ -75,7 +75,7 @@ def evaluate_designs(
     client, *requests: dict
 ) -> list[tuple[dict, dict[str, dict[str, np.ndarray]]]]:
     answers = []
-    with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
+    with client.websocket_connect("ws://127.0.0.1/api/design/ask") as socket:
         for request in requests:
             socket.send_json(request)
             answers.append(unpack_message(socket.receive_bytes()))
@@ -83,7 +83,7 @@ def evaluate_designs(
 
 
 def post(client, route: str, **body):
-    return client.post(f"/api/bench/{route}", json=body)
+    return client.post(f"/api/design/{route}", json=body)
 
 
 # -- responses
@@ -148,7 +148,7 @@ def test_error_contains_entry(client):
 
 def test_newest_waiting_request_is_answered(client):
     sensor = om.load_sensor("exact-equidistant")
-    with client.websocket_connect("ws://127.0.0.1/api/bench/ask") as socket:
+    with client.websocket_connect("ws://127.0.0.1/api/design/ask") as socket:
         for number in range(1, 41):
             socket.send_json(design_request(sensor, number=number, slot=0))
         numbers = [0]
@@ -234,7 +234,7 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
     assert np.degrees(new.meridian.theta_max) == pytest.approx(
         np.degrees(sensor.meridian.theta_max), abs=0.02
     )
-    parts = {part["kind"]: part for part in client.get("/api/bench").json()["mirrors"]}
+    parts = {part["kind"]: part for part in client.get("/api/design").json()["mirrors"]}
     valid = set()
     for parameter in parts[kind]["parameters"]:
         name = parameter["name"]
@@ -264,7 +264,7 @@ def test_mirror_type_is_never_substituted(kind, client, quartic):
 
 
 def mirror_kinds(client) -> list[str]:
-    return [part["kind"] for part in client.get("/api/bench").json()["mirrors"]]
+    return [part["kind"] for part in client.get("/api/design").json()["mirrors"]]
 
 
 def test_mirror_registered_later_is_offered(client, request):
@@ -274,7 +274,7 @@ def test_mirror_registered_later_is_offered(client, request):
 
 
 def test_design_and_requirement_file_do_not_choose_a_mirror_type(client):
-    """Without a mirror in the requirements, the file contains that of the bench, and a search
+    """Without a mirror in the requirements, the file contains that of the Design tab, and a search
     is rejected."""
     requirements = {"field": REQUIREMENTS["field"]}
     for name, mirror in {
@@ -292,7 +292,7 @@ def test_design_and_requirement_file_do_not_choose_a_mirror_type(client):
     spline = replace(sensor, mirror=spline_like(sensor))
     response = post(client, "requirements", requirements=requirements, tables=tables_of(spline))
     assert "got a slope-spline mirror" in response.json()["detail"]
-    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+    with client.websocket_connect("ws://127.0.0.1/api/design/work") as socket:
         socket.send_json(task(kind="design", requirements=requirements))
         last = socket.receive_json()
     assert (last["state"], last["sensor"]) == ("failed", None)
@@ -358,7 +358,7 @@ def test_sensor_file_round_trip(client):
         client, "file", tables=tables_of(sensor), kind="sensor", object_distance_mm=None
     ).content
     assert parse_sensor(text.decode()) == sensor
-    response = client.post("/api/bench/open", params={"name": "mine.toml"}, content=text).json()
+    response = client.post("/api/design/open", params={"name": "mine.toml"}, content=text).json()
     assert parse_sensor(toml(response["sensor"]["tables"])) == sensor
 
 
@@ -369,7 +369,7 @@ def test_requirement_file_round_trip(client):
     }
     text = toml({**REQUIREMENTS, **sections})
     text = text.replace("1000000000000.0", "inf")
-    response = client.post("/api/bench/open", params={"name": "wanted.toml"}, content=text).json()
+    response = client.post("/api/design/open", params={"name": "wanted.toml"}, content=text).json()
     assert response["sensor"] is None
     sensor = om.load_sensor("paper-spherical")
     copy = post(
@@ -404,7 +404,7 @@ FILE_REFERENCES = (
     "text", [b"\xff\xfe", b"[mirror", b"x = 1", b"[field]\nomega = 3", *FILE_REFERENCES]
 )
 def test_invalid_files_are_rejected(text, client):
-    answer = client.post("/api/bench/open", params={"name": "bad.toml"}, content=text)
+    answer = client.post("/api/design/open", params={"name": "bad.toml"}, content=text)
     assert answer.status_code == 400
     assert "bad.toml" in answer.json()["detail"]
     assert "root:" not in answer.text
@@ -452,7 +452,7 @@ def test_invalid_tables_are_rejected(entry, client):
 
 def test_invalid_request_closes_connection(client):
     for route in ("ask", "work"):
-        with client.websocket_connect(f"ws://127.0.0.1/api/bench/{route}") as socket:
+        with client.websocket_connect(f"ws://127.0.0.1/api/design/{route}") as socket:
             socket.send_text("{}")
             message = socket.receive()
             assert message["type"] == "websocket.close"
@@ -498,7 +498,7 @@ def task(**changes) -> dict:
 
 @pytest.mark.full
 def test_optimisation_reports_progress(client):
-    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+    with client.websocket_connect("ws://127.0.0.1/api/design/work") as socket:
         socket.send_json(task(object_distance_mm=400.0))
         messages = [socket.receive_json()]
         while messages[-1]["state"] == "running":
@@ -517,7 +517,7 @@ def test_reason_against_optimisation_is_reported_in_advance(client):
     sensor = om.load_sensor("folded-spherical")
     ((header, _),) = evaluate_designs(client, design_request(sensor))
     assert "has two" in header["summary"]["not_optimised"]
-    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+    with client.websocket_connect("ws://127.0.0.1/api/design/work") as socket:
         socket.send_json(task(tables=tables_of(sensor)))
         message = socket.receive_json()
     assert (message["state"], message["message"]) == ("failed", header["summary"]["not_optimised"])
@@ -528,7 +528,7 @@ def test_optimisation_under_telecentric_lens_keeps_image_size(client):
     sensor = om.load_sensor("paraboloid-telecentric")
     ((header, _),) = evaluate_designs(client, design_request(sensor))
     assert header["summary"]["not_optimised"] is None
-    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+    with client.websocket_connect("ws://127.0.0.1/api/design/work") as socket:
         socket.send_json(task(tables=tables_of(sensor), terms=4))
         message = socket.receive_json()
         while message["state"] == "running":
@@ -588,7 +588,7 @@ def test_remark_reports_form_error(client):
 def test_misaligned_sensor_is_plotted_aligned_with_remark(client):
     sensor = misaligned()
     response = client.post(
-        "/api/bench/open", params={"name": "m.toml"}, content=format_sensor(sensor)
+        "/api/design/open", params={"name": "m.toml"}, content=format_sensor(sensor)
     ).json()
     assert parse_sensor(toml(response["sensor"]["tables"])) == sensor
     (header, blocks), (aligned_header, aligned_blocks) = evaluate_designs(
@@ -625,7 +625,7 @@ def test_sensor_is_designed_from_requirements(client):
         "lens": {"theta_max_deg": 12.0},
     }
     requirements["limit"] = [{"quantity": "resolution_px_per_deg", "at_least": 3.0}]
-    with client.websocket_connect("ws://127.0.0.1/api/bench/work") as socket:
+    with client.websocket_connect("ws://127.0.0.1/api/design/work") as socket:
         socket.send_json(task(kind="design", requirements=requirements))
         message = socket.receive_json()
         while message["state"] == "running":

@@ -1,4 +1,4 @@
-"""Design bench of the page without a server: its numbers equal those of the evaluation."""
+"""Design tab of the page without a server: its numbers equal those of the evaluation."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import pytest
 
 import omnimirror as om
 from omnimirror.apps.studio import _standalone_page, standalone_page
-from omnimirror.apps.studio._bench_evaluation import answer
-from omnimirror.apps.studio._standalone_page import KERNEL, bench_alone
-from omnimirror.apps.studio.bench_messages import DesignRequest
+from omnimirror.apps.studio._design_evaluation import answer
+from omnimirror.apps.studio._standalone_page import KERNEL, standalone_design
+from omnimirror.apps.studio.design_messages import DesignRequest
 from omnimirror.optics.sensor_files import parse_sensor, tables_of
 
 from .browser import open_page
 from .test_axe import AXE, AXE_VIOLATIONS
 
-BENCH = "window.omnimirror.tabs.design"
+DESIGN_TAB = "window.omnimirror.tabs.design"
 EVALUATE_DESIGN = """(ask) => {
   const found = window.omnimirror.tabs.design.evaluator.evaluator.answer(ask, 0);
   const blocks = found.blocks.map(({ name, columns }) =>
@@ -52,7 +52,7 @@ ELLIPSOID = ASPHERE.replace(
     'kind = "ellipsoid"\na_mm = 44.0\nb_mm = 60.0\nrim_radius_mm = 31.0',
 )
 DESIGNS = [
-    *bench_alone().start.sensors,
+    *standalone_design().start.sensors,
     pytest.param(ASPHERE, id="asphere"),
     pytest.param(ELLIPSOID, id="ellipsoid"),
 ]
@@ -69,10 +69,10 @@ def address(tmp_path_factory) -> str:
 
 
 @pytest.fixture(scope="module")
-def bench(browser, address):
+def design_tab(browser, address):
     page = open_page(browser, address, 1280, 900)
     page.get_by_role("button", name="Design", exact=True).click()
-    page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
+    page.wait_for_function(f"{DESIGN_TAB}?.evaluations?.[0]")
     yield page
     assert page.problems == []
     page.context.close()
@@ -101,8 +101,8 @@ def design_request(sensor: om.Sensor, **changes) -> DesignRequest:
     )
 
 
-def page_response(bench, request: DesignRequest) -> dict:
-    return json.loads(bench.evaluate(EVALUATE_DESIGN, request.model_dump()))
+def page_response(design_tab, request: DesignRequest) -> dict:
+    return json.loads(design_tab.evaluate(EVALUATE_DESIGN, request.model_dump()))
 
 
 def server_response(request: DesignRequest) -> tuple[dict, dict[str, dict[str, np.ndarray]]]:
@@ -121,9 +121,9 @@ def server_response(request: DesignRequest) -> tuple[dict, dict[str, dict[str, n
 
 @pytest.mark.parametrize("distance", [None, 700.0])
 @pytest.mark.parametrize("design", DESIGNS)
-def test_values_match_evaluation(bench, design, distance):
+def test_values_match_evaluation(design_tab, design, distance):
     request = design_request(sensor_of(design), object_distance_mm=distance)
-    response, (summary, blocks) = page_response(bench, request), server_response(request)
+    response, (summary, blocks) = page_response(design_tab, request), server_response(request)
     assert response["error"] is None
     for name, value in summary.items():
         if name not in ("name", "not_optimised"):
@@ -148,10 +148,10 @@ def test_values_match_evaluation(bench, design, distance):
 
 
 @pytest.mark.parametrize("design", DESIGNS)
-def test_best_focus_matches_evaluation(bench, design):
+def test_best_focus_matches_evaluation(design_tab, design):
     sensor = sensor_of(design)
     find = "([tables, object]) => window.omnimirror.tabs.design.evaluator.evaluator.bestFocus(tables, object)"
-    focus_mm = bench.evaluate(find, [tables_of(sensor), 900.0])
+    focus_mm = design_tab.evaluate(find, [tables_of(sensor), 900.0])
     expected = om.best_focus(sensor, object_distance_mm=900.0)
     area = om.evaluate(
         sensor,
@@ -192,10 +192,10 @@ def test_best_focus_matches_evaluation(bench, design):
         ("mirror", "kind", "cone", "mirror cone requires a server; this page supports sphere"),
     ],
 )
-def test_error_is_displayed_next_to_its_field(bench, section, entry, value, message):
+def test_error_is_displayed_next_to_its_field(design_tab, section, entry, value, message):
     request = design_request(om.load_sensor("paper-spherical"))
     request.tables[section][entry] = value
-    response = page_response(bench, request)
+    response = page_response(design_tab, request)
     assert message in response["error"]["message"]
     assert response["error"]["path"][0] == section
 
@@ -203,7 +203,7 @@ def test_error_is_displayed_next_to_its_field(bench, section, entry, value, mess
 def test_slider_pin_and_best_focus_without_server(browser, address):
     page = open_page(browser, address, 1280, 900)
     page.get_by_role("button", name="Design", exact=True).click()
-    page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
+    page.wait_for_function(f"{DESIGN_TAB}?.evaluations?.[0]")
     for name in (
         "Calibrate",
         "Export…",
@@ -216,15 +216,15 @@ def test_slider_pin_and_best_focus_without_server(browser, address):
     page.get_by_role("button", name="Pin", exact=True).click()
     page.get_by_role("spinbutton", name="Radius", exact=True).fill("47")
     page.get_by_role("spinbutton", name="Radius", exact=True).press("Enter")
-    page.wait_for_function(f"{BENCH}.evaluations[0].summary.field_deg[1] > 140")
+    page.wait_for_function(f"{DESIGN_TAB}.evaluations[0].summary.field_deg[1] > 140")
     page.get_by_role("button", name="Best focus").click()
-    page.wait_for_function(f"{BENCH}.history.now.tables.lens.focus_distance_mm !== 212")
+    page.wait_for_function(f"{DESIGN_TAB}.history.now.tables.lens.focus_distance_mm !== 212")
     page.get_by_role("button", name="Undo").click()
-    page.wait_for_function(f"{BENCH}.history.now.tables.lens.focus_distance_mm === 212")
+    page.wait_for_function(f"{DESIGN_TAB}.history.now.tables.lens.focus_distance_mm === 212")
     page.get_by_label("Start from a bundled sensor").select_option("paraboloid-telecentric")
-    page.wait_for_function(f"{BENCH}.evaluations[0].summary.mirror_distance_mm === null")
+    page.wait_for_function(f"{DESIGN_TAB}.evaluations[0].summary.mirror_distance_mm === null")
     page.reload()
-    page.wait_for_function(f"{BENCH}?.evaluations?.[0]?.summary.mirror_distance_mm === null")
+    page.wait_for_function(f"{DESIGN_TAB}?.evaluations?.[0]?.summary.mirror_distance_mm === null")
     assert page.problems == []
     page.context.close()
 
@@ -237,7 +237,7 @@ def test_accessibility_without_server(browser, address, width):
     page = open_page(
         browser, f"{address}#tab=design", width, 800, reduced_motion="reduce", device_scale_factor=1
     )
-    page.wait_for_function(f"{BENCH}?.evaluations?.[0]")
+    page.wait_for_function(f"{DESIGN_TAB}?.evaluations?.[0]")
     page.add_script_tag(path=AXE)
     serious = {
         v["id"]: v["nodes"][0]["html"]

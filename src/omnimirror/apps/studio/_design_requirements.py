@@ -1,4 +1,4 @@
-"""Requirement checks of arbitrary sensors on the bench, and feasible ranges of sliders."""
+"""Requirement checks of arbitrary sensors in the Design tab, and feasible ranges of sliders."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from ...optics.mirrors import Ellipsoid, EvenPolynomial
 from ...optics.mirrors.mappings import MAPPINGS
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
-from ._bench_sensors import aligned_sensor, sensor_on_bench
-from .bench_messages import (
+from ._design_sensors import aligned_sensor, sensor_from_tables
+from .design_messages import (
     BlockValues,
     RelaxationOption,
     RelaxedValue,
@@ -256,7 +256,7 @@ def slider_violations(requested: SliderRequest) -> SliderViolations:
     """
     requirements_for(
         requested.requirements,
-        aligned_sensor(sensor_on_bench(requested.tables, requested.follows_mapping)),
+        aligned_sensor(sensor_from_tables(requested.tables, requested.follows_mapping)),
     )
     return SliderViolations(
         violations=tuple(
@@ -272,7 +272,7 @@ def _missed(
     is_distance = slide.path == ("mount", "mirror_distance_mm")
     try:
         sensor = aligned_sensor(
-            sensor_on_bench(
+            sensor_from_tables(
                 _with(requested.tables, slide.path, value),
                 requested.follows_mapping and not is_distance,
             )

@@ -33,18 +33,18 @@ from ...optics.tracing.shell_transmission import pose_of, transmit_rays
 from ...optics.tracing.two_mirrors import FoldedMirror
 from ...simulation.scenes.room import ROOM, SOLIDS
 from ...simulation.scenes.scene import intersect_boxes
-from ._bench_requirements import UNCHECKED, check_evaluation
-from ._bench_sensors import (
+from ._design_requirements import UNCHECKED, check_evaluation
+from ._design_sensors import (
     aligned_sensor,
     api_error_of,
     edited_sensor,
-    on_bench,
     remark_on,
-    sensor_on_bench,
+    sensor_from_tables,
+    tables_from_sensor,
     why_not_optimised,
 )
 from ._http_messages import framed
-from .bench_messages import (
+from .design_messages import (
     BlockValues,
     DesignRequest,
     DesignResponse,
@@ -366,7 +366,7 @@ class EvaluatedSensor:
 def answer(message: DesignRequest) -> bytes:
     """Evaluate the design of a request; an invalid design yields a message with the error."""
     try:
-        current = sensor_on_bench(message.tables, message.follows_mapping)
+        current = sensor_from_tables(message.tables, message.follows_mapping)
         if message.edit is not None:
             current = edited_sensor(current, message.edit)
         sensor = aligned_sensor(current)
@@ -391,7 +391,7 @@ def answer(message: DesignRequest) -> bytes:
         rows=checked.rows,
         requirements_error=checked.error,
         blocks=tuple(values.block for values in blocks),
-        edited=on_bench(current) if message.edit is not None else None,
+        edited=tables_from_sensor(current) if message.edit is not None else None,
     )
     return framed(response, *(b.values.astype("<f4").tobytes() for b in blocks))
 

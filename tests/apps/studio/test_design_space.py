@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import omnimirror as om
-from omnimirror.apps.studio._bench_evaluation import (
+from omnimirror.apps.studio._design_evaluation import (
     RAYS,
     SPACE_PROFILE_NODES,
     TURNS,
     answer,
     space_blocks,
 )
-from omnimirror.apps.studio._bench_sensors import aligned_sensor
+from omnimirror.apps.studio._design_sensors import aligned_sensor
 from omnimirror.apps.studio._http_messages import unframed
-from omnimirror.apps.studio.bench_messages import DesignRequest, DesignResponse
+from omnimirror.apps.studio.design_messages import DesignRequest, DesignResponse
 from omnimirror.cameras.camera import Mount
 from omnimirror.optics.housing import CameraBody, Dome, Housing, Rim, Rod, Tube
 from omnimirror.optics.image_sensor import ImagerPose

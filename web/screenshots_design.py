@@ -1,6 +1,6 @@
 """Capture screenshots of the tab Design for the documentation: two colour schemes, 3-D view, tolerances.
 
-python web/screenshots_bench.py --out docs/images
+python web/screenshots_design.py --out docs/images
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 import { background } from "../shared/background";
 import * as api from "../shared/api";
 import { h, hideComputed } from "../shared/dom";
-import type { BenchSensor, BenchStart } from "../shared/messages";
+import type { DesignSensor, DesignStart } from "../shared/messages";
 import { SERVER_UNAVAILABLE } from "../shared/texts";
 import { fromAddress, inAddress } from "./model/address";
 import { type Design, History, nameOf, type Pin, placed, type Tables } from "./model/design";
@@ -31,8 +31,8 @@ const limitedBy = (requirements: Tables | null): string =>
     limitsOf(requirements).map((l) => [l.quantity, l.cycles_per_px]),
   ]);
 
-/** Design bench: current design, its evaluation, controls and plots. */
-export class Bench {
+/** Design tab: current design, its evaluation, controls and plots. */
+export class DesignTab {
   history: History;
   pins: Pin[] = [];
   readonly plotArea: PlotArea;
@@ -54,7 +54,7 @@ export class Bench {
 
   constructor(
     private readonly host: Host,
-    private readonly parts: BenchStart,
+    private readonly parts: DesignStart,
     first: Design,
   ) {
     this.history = new History(first);
@@ -80,7 +80,7 @@ export class Bench {
       settle: (control?: string | null) => this.settle(control),
       change: (target: "mirror" | "lens" | "focus", to: string) =>
         background(this.change(target, to)),
-      take: (evaluations: BenchSensor, words: string) => this.take(evaluations, words),
+      take: (evaluations: DesignSensor, words: string) => this.take(evaluations, words),
     };
     this.toolbar = new Toolbar(host, this);
     this.form = new Form(panel("Sensor"), parts, callbacks);
@@ -170,7 +170,7 @@ export class Bench {
 
   /** Report an invalid address, and restore the address of the displayed design. */
   reportInvalidAddress(message: string): void {
-    this.host.banner(`${message} The design bench displays ${nameOf(this.history.now)}.`, "design");
+    this.host.banner(`${message} The Design tab displays ${nameOf(this.history.now)}.`, "design");
     this.store();
   }
 
@@ -196,7 +196,7 @@ export class Bench {
   }
 
   /** Load another sensor; the requirements are kept. */
-  take(sensor: BenchSensor, words: string): void {
+  take(sensor: DesignSensor, words: string): void {
     this.edit({
       ...this.history.now,
       tables: sensor.tables,
@@ -208,7 +208,7 @@ export class Bench {
   }
 
   /** Load the result of a search; the previous design of an optimisation is pinned. */
-  private takeResult(sensor: BenchSensor, isOptimised: boolean): void {
+  private takeResult(sensor: DesignSensor, isOptimised: boolean): void {
     const before = this.history.now;
     const isPinned = this.pins.some((p) => p.design.tables === before.tables);
     const isStored = isOptimised && !isPinned && this.pins.length < MAX_PINS;
@@ -276,7 +276,7 @@ export class Bench {
 
   // -- direct manipulation of plots -----------------------------------------------------------------
 
-  private takeEdited(sensor: BenchSensor): void {
+  private takeEdited(sensor: DesignSensor): void {
     this.history.now = {
       ...this.history.now,
       tables: sensor.tables,

@@ -1,4 +1,4 @@
-"""Sensors on the bench: slider metadata, tables of a sensor file, conversion between kinds of
+"""Sensors in the Design tab: slider metadata, tables of a sensor file, conversion between kinds of
 parts, manual shape editing.
 """
 
@@ -46,12 +46,12 @@ from ...optics.mirrors.prescribed_mapping import MappingMirror
 from ...optics.mirrors.splines import spline_of_slopes
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import bundled_sensors, sensor_of, tables_of
-from .bench_messages import (
+from .design_messages import (
     ApiError,
-    BenchSensor,
-    BenchStart,
     CurveEdit,
     DesignChange,
+    DesignSensor,
+    DesignStart,
     ParameterInfo,
     PartInfo,
     QuantityInfo,
@@ -65,18 +65,18 @@ DISTANCE = Parameter(
 )
 
 
-def bench_start() -> BenchStart:
+def design_start() -> DesignStart:
     """Return all parts with their parameters, and the quantities available for requirements.
 
     Examples
     --------
-    >>> sphere = next(part for part in bench_start().mirrors if part.kind == "sphere")
+    >>> sphere = next(part for part in design_start().mirrors if part.kind == "sphere")
     >>> [(p.name, p.unit) for p in sphere.parameters]
     [('radius_mm', 'mm'), ('rim_radius_mm', 'mm')]
     """
     distance = _parameter("mirror_distance_mm", DISTANCE, float, dataclasses.MISSING)
     mirrors = dict(MIRRORS.items())  # without mirrors of other packages that fail to load
-    return BenchStart(
+    return DesignStart(
         mirrors=tuple(part_of(kind, cls) for kind, cls in mirrors.items()),
         secondaries=tuple(
             part_of(kind, SECONDARIES[kind])
@@ -166,7 +166,7 @@ def api_error_of(error: OmnimirrorError) -> ApiError:
     return ApiError(path=getattr(error, "path", ()), message=str(error))
 
 
-def sensor_on_bench(tables: dict[str, Any], follows: bool = False) -> Sensor:
+def sensor_from_tables(tables: dict[str, Any], follows: bool = False) -> Sensor:
     """Build the sensor of the tables; ``follows`` adapts the lens to a mapping that requires it.
 
     Raises
@@ -227,8 +227,8 @@ def why_not_optimised(sensor: Sensor) -> str | None:
     return None
 
 
-def on_bench(sensor: Sensor) -> BenchSensor:
-    """Convert a sensor to its bench representation."""
+def tables_from_sensor(sensor: Sensor) -> DesignSensor:
+    """Convert a sensor to its representation in the Design tab."""
     mirror = sensor.mirror
     is_mapped = (
         isinstance(mirror, MappingMirror)
@@ -236,7 +236,7 @@ def on_bench(sensor: Sensor) -> BenchSensor:
         and not sensor.lens.TELECENTRIC
     )
     follows = is_mapped and np.isclose(mirror.design_distance, sensor.mirror_distance_mm, rtol=1e-9)  # type: ignore[attr-defined]  # is_mapped implies a MappingMirror
-    return BenchSensor(tables=tables_of(sensor), follows_mapping=bool(follows))
+    return DesignSensor(tables=tables_of(sensor), follows_mapping=bool(follows))
 
 
 def changed(change: DesignChange) -> Sensor:
@@ -250,7 +250,7 @@ def changed(change: DesignChange) -> Sensor:
     OmnimirrorError
         If the kind is unknown, or does not support this field.
     """
-    current, distance = sensor_on_bench(change.tables), distance_of(change.object_distance_mm)
+    current, distance = sensor_from_tables(change.tables), distance_of(change.object_distance_mm)
     sensor = aligned_sensor(current)
     if change.target == "focus":
         best = best_focus(sensor, change.to, object_distance_mm=distance)

@@ -1,4 +1,4 @@
-"""Messages between server and design bench; the TypeScript types of the page are generated from them.
+"""Messages between server and Design tab; the TypeScript types of the page are generated from them.
 
 Sensors are transferred as the tables of their file, requirements as those of a requirement file,
 non-finite numbers as null.
@@ -55,8 +55,8 @@ class QuantityInfo(Message):
     equation: str
 
 
-class BenchStart(Message):
-    """Initial data of the bench."""
+class DesignStart(Message):
+    """Initial data of the Design tab."""
 
     mirrors: tuple[PartInfo, ...]
     secondaries: tuple[PartInfo, ...]
@@ -86,8 +86,8 @@ class ApiError(Message):
     message: str
 
 
-class BenchSensor(Message):
-    """Sensor on the bench."""
+class DesignSensor(Message):
+    """Sensor in the Design tab."""
 
     tables: Tables
     follows_mapping: bool = Field(
@@ -95,24 +95,24 @@ class BenchSensor(Message):
     )
 
 
-class StandaloneBench(Message):
-    """Bench data of a page without a server."""
+class StandaloneDesign(Message):
+    """Design data of a page without a server."""
 
-    start: BenchStart
-    sensors: tuple[BenchSensor, ...] = Field(
+    start: DesignStart
+    sensors: tuple[DesignSensor, ...] = Field(
         description="sensors in the order of their names in start"
     )
     search: tuple[float, ...] = Field(
         description="parameters of the focus search of the compiled evaluator"
     )
     kernel: str = Field(description="compiled evaluator, WebAssembly in base64")
-    script: str = Field(description="script of the bench")
+    script: str = Field(description="script of the Design tab")
 
 
 class ImportedFile(Message):
     """Imported file: a sensor or requirements."""
 
-    sensor: BenchSensor | None
+    sensor: DesignSensor | None
     requirements: Tables | None
 
 
@@ -226,7 +226,7 @@ class DesignResponse(Message):
     rows: tuple[RequirementResult, ...]
     requirements_error: str | None
     blocks: tuple[Block, ...]
-    edited: BenchSensor | None = Field(description="deformed design")
+    edited: DesignSensor | None = Field(description="deformed design")
 
 
 class SliderValues(ClientMessage):
@@ -327,7 +327,7 @@ class TaskStatus(Message):
     message: str
     fraction: float | None = Field(description="completed fraction")
     value: float | None = Field(description="current merit")
-    sensor: BenchSensor | None = Field(description="result; without relaxations while running")
+    sensor: DesignSensor | None = Field(description="result; without relaxations while running")
     relaxations: tuple[RelaxationOption, ...]
 
 

@@ -1,4 +1,4 @@
-"""Tolerance panel of the bench: image motion of interactively set errors, and the predicted yield."""
+"""Tolerance panel of the Design tab: image motion of interactively set errors, and the predicted yield."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from ...manufacturing.tolerancing.tolerances import (
 from ...manufacturing.tolerancing.trial_images import Refocus
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import tables_of
-from ._bench_evaluation import finite
-from ._bench_sensors import aligned_sensor, sensor_on_bench
+from ._design_evaluation import finite
+from ._design_sensors import aligned_sensor, sensor_from_tables
 from ._http_messages import framed
-from .bench_messages import (
+from .design_messages import (
     AsBuiltRequest,
     AsBuiltResult,
     ErrorSourceInfo,
@@ -54,7 +54,7 @@ MAX_EVALUATORS = 8  # cached evaluators, one per sensor and set of requirements
 
 def list_error_sources(message: ErrorSourcesRequest) -> ErrorSourceList:
     """Return the error sources of the sensor of given tables."""
-    sensor = aligned_sensor(sensor_on_bench(message.tables))
+    sensor = aligned_sensor(sensor_from_tables(message.tables))
     kinds = [kind for kind in error_sources(sensor).values() if _has_slider(kind.name)]
     infos = tuple(
         ErrorSourceInfo(
@@ -84,7 +84,7 @@ def built(message: AsBuiltRequest) -> bytes:
     OmnimirrorError
         If the sensor is invalid, or an error source does not apply to it.
     """
-    nominal = aligned_sensor(sensor_on_bench(message.tables))
+    nominal = aligned_sensor(sensor_from_tables(message.tables))
     check_error_names(nominal, message.values)
     values = {name: value for name, value in message.values.items() if value} or {
         "imager.shift_x_px": 0.0
@@ -142,7 +142,7 @@ def predict_yield(message: YieldRequest) -> YieldResult:
         If the sensor or a limit is invalid, or an error source does not apply.
     """
     check_limits({message.merit: message.limit})
-    sensor = aligned_sensor(sensor_on_bench(message.tables))
+    sensor = aligned_sensor(sensor_from_tables(message.tables))
     errors = {error.name: Tolerance(error.tolerance) for error in message.errors}
     tolerances = Tolerances(sensor, errors)
     evaluator = _cached_evaluator(
@@ -218,4 +218,6 @@ def _cache_key(tables: Mapping[str, Any]) -> str:
 @lru_cache(maxsize=MAX_EVALUATORS)
 def _cached_evaluator(tables: str, refocus: Refocus, required: tuple[str, ...]) -> TrialEvaluator:
     """Return the cached trial evaluator of a sensor; its set-up takes longer than a trial."""
-    return TrialEvaluator.of(aligned_sensor(sensor_on_bench(json.loads(tables))), refocus, required)
+    return TrialEvaluator.of(
+        aligned_sensor(sensor_from_tables(json.loads(tables))), refocus, required
+    )

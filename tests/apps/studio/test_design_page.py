@@ -1,4 +1,4 @@
-"""User interaction with the design bench, and the resulting page."""
+"""User interaction with the Design tab, and the resulting page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .test_page import AXE
 PAGE = Path(om.__file__).parent / "apps" / "studio" / "page"
 EMPTY = '{ "design": null, "past": [], "future": [], "pins": [], "switched": ["Image"] }'
 WITHOUT_IMAGES = f"""
-if (!localStorage.getItem("omnimirror-bench")) localStorage.setItem("omnimirror-bench", '{EMPTY}');
+if (!localStorage.getItem("omnimirror-design")) localStorage.setItem("omnimirror-design", '{EMPTY}');
 """  # rendering them would use all processors
 CURRENT_DESIGN = "window.omnimirror.tabs.design.history.now"
 CANCEL_AT_FIRST_STEP = """
@@ -41,8 +41,8 @@ new MutationObserver((_, observer) => {
 
 
 @pytest.fixture
-def bench(browser, server):
-    """The bench with the spherical sensor of the paper; page errors fail the test."""
+def design_tab(browser, server):
+    """The Design tab with the spherical sensor of the paper; page errors fail the test."""
     viewport = {"width": 1280, "height": 800}
     context = browser.new_context(
         viewport=viewport, bypass_csp=True, accept_downloads=True, **COARSE
@@ -121,17 +121,17 @@ def enter_value(page, name: str, value: str) -> None:
         *(pytest.param(kind, marks=pytest.mark.full) for kind in ("sphere", "even polynomial")),
     ],
 )
-def test_slider_updates_curves_to_evaluation(mirror, bench):
+def test_slider_updates_curves_to_evaluation(mirror, design_tab):
     if mirror != "sphere":
-        bench.get_by_label("Type of mirror").select_option(mirror)
-        bench.wait_for_function(
+        design_tab.get_by_label("Type of mirror").select_option(mirror)
+        design_tab.wait_for_function(
             f"{CURRENT_DESIGN}.tables.mirror.kind === '{mirror.replace(' ', '-')}'"
         )
     name = {"sphere": "Radius", "equidistant": "Ω max", "even polynomial": "Coefficient 1"}[mirror]
-    before = bench.evaluate(f"JSON.stringify({CURRENT_DESIGN}.tables.mirror)")
-    drag_slider(bench, name, 0.07)
-    sensor = sensor_on(bench)
-    assert bench.evaluate(f"JSON.stringify({CURRENT_DESIGN}.tables.mirror)") != before
+    before = design_tab.evaluate(f"JSON.stringify({CURRENT_DESIGN}.tables.mirror)")
+    drag_slider(design_tab, name, 0.07)
+    sensor = sensor_on(design_tab)
+    assert design_tab.evaluate(f"JSON.stringify({CURRENT_DESIGN}.tables.mirror)") != before
     expected = om.evaluate(sensor, np.linspace(*sensor.field_deg, 361))
     charts = {
         "Image height": ["h_px"],
@@ -140,7 +140,7 @@ def test_slider_updates_curves_to_evaluation(mirror, bench):
         "Floored blur area": ["floored_area_deg2"],
     }
     for title, columns in charts.items():
-        omega, *series = plot_values(bench, title)
+        omega, *series = plot_values(design_tab, title)
         np.testing.assert_allclose(omega, expected.omega_deg, rtol=1e-6)
         for column, values in zip(columns, series, strict=True):
             np.testing.assert_allclose(values, getattr(expected, column), rtol=1e-5, atol=1e-4)
@@ -148,13 +148,13 @@ def test_slider_updates_curves_to_evaluation(mirror, bench):
         assert np.ptp(expected.dh_domega_px_per_deg) < 1e-9  # the lens is adapted to the mirror
 
 
-def test_cursor_is_shared_by_all_plots(bench):
-    chart = bench.get_by_label(re.compile("^Image height against"))
+def test_cursor_is_shared_by_all_plots(design_tab):
+    chart = design_tab.get_by_label(re.compile("^Image height against"))
     chart.wait_for()
     chart.hover(position={"x": 120, "y": 70})
-    omega = bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega")
+    omega = design_tab.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega")
     expected = om.evaluate(om.load_sensor("paper-spherical"), [omega])
-    figures = bench.locator("figure.plot")
+    figures = design_tab.locator("figure.plot")
     for title, value in (
         ("Image height, px", f"{expected.h_px[0]:.1f}"),
         ("Aspect", f"{expected.aspect[0]:.3f}"),
@@ -163,9 +163,9 @@ def test_cursor_is_shared_by_all_plots(bench):
         readout = figures.filter(has_text=title).first.locator("output").inner_text()
         assert readout.startswith(f"{omega:.1f}°")
         assert value in readout
-    section = bench.locator("svg.section").first
+    section = design_tab.locator("svg.section").first
     section.hover(position={"x": 300, "y": 70})
-    omega = bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega")
+    omega = design_tab.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega")
     assert (
         figures.filter(has_text="Cross-section")
         .locator("output")
@@ -177,100 +177,102 @@ def test_cursor_is_shared_by_all_plots(bench):
         70, abs=1.5
     )  # mirror point at the height of the pointer
     chart.focus()
-    bench.keyboard.press("ArrowRight")
-    assert bench.evaluate("window.omnimirror.tabs.design.plotArea.cursor.omega") == pytest.approx(
-        omega + 1
-    )
+    design_tab.keyboard.press("ArrowRight")
+    assert design_tab.evaluate(
+        "window.omnimirror.tabs.design.plotArea.cursor.omega"
+    ) == pytest.approx(omega + 1)
 
 
-def test_undo_redo_and_reload_preserve_state(bench):
-    first = sensor_on(bench)
-    drag_slider(bench, "Radius", 0.1)
-    second = sensor_on(bench)
-    enter_value(bench, "F-number", "5.6")
-    third = sensor_on(bench)
+def test_undo_redo_and_reload_preserve_state(design_tab):
+    first = sensor_on(design_tab)
+    drag_slider(design_tab, "Radius", 0.1)
+    second = sensor_on(design_tab)
+    enter_value(design_tab, "F-number", "5.6")
+    third = sensor_on(design_tab)
     assert len({first, second, third}) == 3
-    bench.keyboard.press("Control+z")
-    assert sensor_on(bench) == second
-    bench.keyboard.press("Control+z")
-    assert sensor_on(bench) == first
-    bench.keyboard.press("Control+Shift+z")
-    assert sensor_on(bench) == second
-    bench.get_by_role("button", name="Pin", exact=True).click()
-    bench.get_by_role("button", name="Add a requirement").click()
-    bench.wait_for_function("location.hash.includes('quantity')")
-    bench.reload()
-    wait_for_plots(bench)
-    assert sensor_on(bench) == second
-    bench.get_by_role(
+    design_tab.keyboard.press("Control+z")
+    assert sensor_on(design_tab) == second
+    design_tab.keyboard.press("Control+z")
+    assert sensor_on(design_tab) == first
+    design_tab.keyboard.press("Control+Shift+z")
+    assert sensor_on(design_tab) == second
+    design_tab.get_by_role("button", name="Pin", exact=True).click()
+    design_tab.get_by_role("button", name="Add a requirement").click()
+    design_tab.wait_for_function("location.hash.includes('quantity')")
+    design_tab.reload()
+    wait_for_plots(design_tab)
+    assert sensor_on(design_tab) == second
+    design_tab.get_by_role(
         "button", name=re.compile("^Unpin")
     ).wait_for()  # with the response for the pinned design
-    bench.get_by_label("Quantity").wait_for()
-    bench.get_by_role("button", name="Undo", exact=True).click()  # removes the requirement
-    bench.get_by_role("button", name="Undo", exact=True).click()
-    assert sensor_on(bench) == first
+    design_tab.get_by_label("Quantity").wait_for()
+    design_tab.get_by_role("button", name="Undo", exact=True).click()  # removes the requirement
+    design_tab.get_by_role("button", name="Undo", exact=True).click()
+    assert sensor_on(design_tab) == first
 
 
-def test_error_is_displayed_next_to_its_field_and_plots_remain(bench):
-    before = plot_values(bench, "Image height")
-    enter_value(bench, "Rim radius", "60")
-    field = bench.locator(".field").filter(has=bench.get_by_label("Rim radius", exact=True))
+def test_error_is_displayed_next_to_its_field_and_plots_remain(design_tab):
+    before = plot_values(design_tab, "Image height")
+    enter_value(design_tab, "Rim radius", "60")
+    field = design_tab.locator(".field").filter(
+        has=design_tab.get_by_label("Rim radius", exact=True)
+    )
     assert "Rim radius must be less than 49.9582 mm" in field.locator(".problem").inner_text()
-    assert bench.get_by_label("Rim radius", exact=True).get_attribute("aria-invalid") == "true"
-    assert "last valid design" in bench.locator(".trouble").inner_text()
-    np.testing.assert_array_equal(plot_values(bench, "Image height"), before)
-    enter_value(bench, "Rim radius", "45")
+    assert design_tab.get_by_label("Rim radius", exact=True).get_attribute("aria-invalid") == "true"
+    assert "last valid design" in design_tab.locator(".trouble").inner_text()
+    np.testing.assert_array_equal(plot_values(design_tab, "Image height"), before)
+    enter_value(design_tab, "Rim radius", "45")
     assert not field.locator(".problem").is_visible()
-    assert not bench.locator(".trouble").is_visible()
-    assert not np.array_equal(plot_values(bench, "Image height"), before)
+    assert not design_tab.locator(".trouble").is_visible()
+    assert not np.array_equal(plot_values(design_tab, "Image height"), before)
 
 
 @pytest.mark.long
-def test_pinned_designs_are_compared_loaded_and_unpinned(bench):
-    first = sensor_on(bench)
-    bench.get_by_role("button", name="Pin", exact=True).click()
-    drag_slider(bench, "Focal length", 0.15)
-    rows = bench.locator(".compare tbody tr")
+def test_pinned_designs_are_compared_loaded_and_unpinned(design_tab):
+    first = sensor_on(design_tab)
+    design_tab.get_by_role("button", name="Pin", exact=True).click()
+    drag_slider(design_tab, "Focal length", 0.15)
+    rows = design_tab.locator(".compare tbody tr")
     rows.nth(1).wait_for()
     current, pinned = (rows.nth(i).locator("td").nth(2).inner_text() for i in (0, 1))
-    assert float(current.split()[0]) == pytest.approx(sensor_on(bench).rim_radius_px, rel=1e-3)
+    assert float(current.split()[0]) == pytest.approx(sensor_on(design_tab).rim_radius_px, rel=1e-3)
     assert float(pinned) == pytest.approx(first.rim_radius_px, rel=1e-3)
-    omega, old, _ = plot_values(bench, "Image height")
+    omega, old, _ = plot_values(design_tab, "Image height")
     is_plotted = np.isfinite(old)
     expected = om.evaluate(first, np.minimum(omega[is_plotted], first.field_deg[1])).h_px
     np.testing.assert_allclose(old[is_plotted], expected, rtol=1e-5, atol=1e-3)
-    bench.get_by_role("button", name=re.compile("^Load")).click()
-    wait_for_response(bench)
-    assert sensor_on(bench) == first
-    bench.get_by_role("button", name=re.compile("^Unpin")).click()
+    design_tab.get_by_role("button", name=re.compile("^Load")).click()
+    wait_for_response(design_tab)
+    assert sensor_on(design_tab) == first
+    design_tab.get_by_role("button", name=re.compile("^Unpin")).click()
     assert rows.count() == 1
-    assert len(plot_values(bench, "Image height")) == 2
+    assert len(plot_values(design_tab, "Image height")) == 2
 
 
-def test_saved_sensor_round_trip(bench, tmp_path):
-    drag_slider(bench, "Radius", 0.08)
-    enter_value(bench, "Name", "mine")
-    sensor = sensor_on(bench)
-    bench.get_by_role("button", name="Export…").click()
-    with bench.expect_download() as download:
-        bench.get_by_role("button", name="Download Sensor file").click()
-    bench.get_by_role("button", name="Close", exact=True).click()
+def test_saved_sensor_round_trip(design_tab, tmp_path):
+    drag_slider(design_tab, "Radius", 0.08)
+    enter_value(design_tab, "Name", "mine")
+    sensor = sensor_on(design_tab)
+    design_tab.get_by_role("button", name="Export…").click()
+    with design_tab.expect_download() as download:
+        design_tab.get_by_role("button", name="Download Sensor file").click()
+    design_tab.get_by_role("button", name="Close", exact=True).click()
     assert download.value.suggested_filename == "mine.toml"
     download.value.save_as(tmp_path / "mine.toml")
     assert om.load_sensor(tmp_path / "mine.toml") == sensor
-    bench.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
-    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'folded-hyperboloidal'")
-    assert bench.get_by_role("heading", name="Second mirror").is_visible()
-    bench.set_input_files("#design-file", tmp_path / "mine.toml")
-    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'mine'")
-    assert sensor_on(bench) == sensor
+    design_tab.get_by_label("Start from a bundled sensor").select_option("folded-hyperboloidal")
+    design_tab.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'folded-hyperboloidal'")
+    assert design_tab.get_by_role("heading", name="Second mirror").is_visible()
+    design_tab.set_input_files("#design-file", tmp_path / "mine.toml")
+    design_tab.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'mine'")
+    assert sensor_on(design_tab) == sensor
     (tmp_path / "bad.toml").write_text("[mirror]\nkind = 'spher'\n[lens]\n[imager]\n")
-    bench.set_input_files("#design-file", tmp_path / "bad.toml")
-    bench.get_by_text("did you mean sphere?").first.wait_for()
-    assert sensor_on(bench) == sensor
+    design_tab.set_input_files("#design-file", tmp_path / "bad.toml")
+    design_tab.get_by_text("did you mean sphere?").first.wait_for()
+    assert sensor_on(design_tab) == sensor
 
 
-def test_unbounded_square_is_omitted(bench, tmp_path):
+def test_unbounded_square_is_omitted(design_tab, tmp_path):
     """The centre of this mirror images the forward direction on a ring: 1 deg about the axis has
     unbounded width."""
     sphere = om.load_sensor("paper-spherical")
@@ -280,36 +282,36 @@ def test_unbounded_square_is_omitted(bench, tmp_path):
     )
     save_sensor(ring, tmp_path / "ring.toml")
     sides = "[...document.querySelectorAll('#design .strip')[0].querySelectorAll('rect')].map((r) => r.height.baseVal)"
-    before = bench.evaluate(f"{sides}.length")
-    bench.set_input_files("#design-file", tmp_path / "ring.toml")
-    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'ring'")
-    wait_for_response(bench)
-    heights = bench.evaluate(f"{sides}.map((height) => height.value)")
+    before = design_tab.evaluate(f"{sides}.length")
+    design_tab.set_input_files("#design-file", tmp_path / "ring.toml")
+    design_tab.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'ring'")
+    wait_for_response(design_tab)
+    heights = design_tab.evaluate(f"{sides}.map((height) => height.value)")
     assert len(heights) == before - 1
     assert 0 < min(heights) <= max(heights) < 1000
 
 
 @pytest.mark.long
-def test_requirements_display_verdict_and_margin(bench, tmp_path):
-    sensor = sensor_on(bench)
+def test_requirements_display_verdict_and_margin(design_tab, tmp_path):
+    sensor = sensor_on(design_tab)
     e = om.evaluate(sensor, np.linspace(0, 135, 2001))
     blur = np.hypot(
         np.maximum(np.abs(e.blur_t_px), np.abs(e.blur_s_px)), e.airy_px
     )  # including the Airy disc
     worst = blur.max()
-    bench.get_by_role("button", name="Add a requirement").click()
-    wait_for_response(bench)
-    mark = bench.locator(".limit").last.locator(".mark")
+    design_tab.get_by_role("button", name="Add a requirement").click()
+    wait_for_response(design_tab)
+    mark = design_tab.locator(".limit").last.locator(".mark")
     assert "✗ not met" in mark.inner_text()
     assert f"margin −{worst - 5:.2f} px" in mark.inner_text()
     assert "at 135°" in mark.inner_text()
-    assert bench.get_by_text("1 of 3 not met").is_visible()
-    enter_value(bench, "Total blur at most", "10")
+    assert design_tab.get_by_text("1 of 3 not met").is_visible()
+    enter_value(design_tab, "Total blur at most", "10")
     assert "✓ met" in mark.inner_text()
     assert f"margin {10 - worst:.2f} px" in mark.inner_text()
-    assert bench.get_by_text("All 3 met").is_visible()
-    bench.get_by_role("button", name="partial field").click()
-    enter_value(bench, "Maximum field angle of the limit, degrees", "60")
+    assert design_tab.get_by_text("All 3 met").is_visible()
+    design_tab.get_by_role("button", name="partial field").click()
+    enter_value(design_tab, "Maximum field angle of the limit, degrees", "60")
     part = e.omega_deg <= 60
     worst = blur[part].max()
     assert "✓ met" in mark.inner_text()
@@ -319,154 +321,156 @@ def test_requirements_display_verdict_and_margin(bench, tmp_path):
         "[mirror]\nmapping = 'equiangular'\nrim_radius_mm = 40\n"
         "[lens]\ntheta_max_deg = 12\n[[limit]]\nquantity = 'aspect'\nat_least = 0.5\n"
     )
-    bench.set_input_files("#design-file", tmp_path / "wanted.toml")
-    max_distance = bench.get_by_label("Maximum object distance, mm; empty for infinity")
+    design_tab.set_input_files("#design-file", tmp_path / "wanted.toml")
+    max_distance = design_tab.get_by_label("Maximum object distance, mm; empty for infinity")
     # An empty one existed before the file was opened.
-    bench.wait_for_function(
+    design_tab.wait_for_function(
         "[...document.querySelectorAll('#design input')].some((input) => input.value === '12000')"
     )
     assert max_distance.input_value() == "12000"
-    size = bench.viewport_size
-    bench.set_viewport_size({"width": 1280, "height": 800})
+    size = design_tab.viewport_size
+    design_tab.set_viewport_size({"width": 1280, "height": 800})
     assert (
         max_distance.evaluate("(input) => input.scrollWidth - input.clientWidth") == 0
     )  # the number is fully visible
-    bench.set_viewport_size(size)
-    bench.get_by_role("button", name="Design from requirements").click()
-    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.mirror.kind === 'equiangular'")
-    wait_for_response(bench)
-    assert sensor_on(bench).field_deg[1] == pytest.approx(90)
-    assert bench.locator(".compare tbody tr").count() == 1  # plots of the new design only
-    omega, height = plot_values(bench, "Image height")
-    np.testing.assert_allclose(height, om.evaluate(sensor_on(bench), omega).h_px, atol=2e-3)
+    design_tab.set_viewport_size(size)
+    design_tab.get_by_role("button", name="Design from requirements").click()
+    design_tab.wait_for_function(f"{CURRENT_DESIGN}.tables.mirror.kind === 'equiangular'")
+    wait_for_response(design_tab)
+    assert sensor_on(design_tab).field_deg[1] == pytest.approx(90)
+    assert design_tab.locator(".compare tbody tr").count() == 1  # plots of the new design only
+    omega, height = plot_values(design_tab, "Image height")
+    np.testing.assert_allclose(height, om.evaluate(sensor_on(design_tab), omega).h_px, atol=2e-3)
 
 
 @pytest.mark.long
-def test_relaxation_is_applied_with_one_click(bench, tmp_path):
+def test_relaxation_is_applied_with_one_click(design_tab, tmp_path):
     (tmp_path / "infeasible.toml").write_text(
         "[field]\nomega_max_deg = 100\n[mirror]\nfamily = 'sphere'\nrim_radius_mm = 40\n"
         "[lens]\ntheta_max_deg = 12\n[[limit]]\nquantity = 'resolution_px_per_deg'\nat_least = 4.5\n"
     )
-    bench.set_input_files("#design-file", tmp_path / "infeasible.toml")
-    bench.get_by_role("button", name="Design from requirements").click()
-    relaxation = bench.locator(".relaxations li").filter(has_text="Resolution 4.5")
+    design_tab.set_input_files("#design-file", tmp_path / "infeasible.toml")
+    design_tab.get_by_role("button", name="Design from requirements").click()
+    relaxation = design_tab.locator(".relaxations li").filter(has_text="Resolution 4.5")
     relaxation.first.get_by_role("button", name="Apply").click()
-    bench.get_by_text("All requirements are met.").wait_for()
-    limit = bench.evaluate(f"{CURRENT_DESIGN}.requirements.limit[0].at_least")
+    design_tab.get_by_text("All requirements are met.").wait_for()
+    limit = design_tab.evaluate(f"{CURRENT_DESIGN}.requirements.limit[0].at_least")
     assert 0 < limit < 4.5
-    wait_for_response(bench)
-    sensor = sensor_on(bench)
+    wait_for_response(design_tab)
+    sensor = sensor_on(design_tab)
     e = om.evaluate(sensor, np.linspace(0, 100, 1001))
     reached = np.minimum(e.dh_domega_px_per_deg, e.width_px_per_deg).min()
     assert limit <= reached * (1 + 1e-6)
 
 
-def test_key_presses_are_one_undo_step_and_ends_do_not_swap(bench):
-    first = sensor_on(bench)
-    slider = bench.get_by_label("Radius, slider", exact=True)
-    field = bench.locator(".field", has=slider)
+def test_key_presses_are_one_undo_step_and_ends_do_not_swap(design_tab):
+    first = sensor_on(design_tab)
+    slider = design_tab.get_by_label("Radius, slider", exact=True)
+    field = design_tab.locator(".field", has=slider)
     assert field.locator(".ends span").all_inner_texts() == ["10.0", "100"]
     position = np.log(first.mirror.radius_mm / 10) / np.log(10)
     assert float(slider.input_value()) == pytest.approx(position, abs=2e-3)
     slider.focus()
     for _ in range(5):
-        bench.keyboard.press("ArrowRight")
-    wait_for_response(bench)
-    assert sensor_on(bench).mirror.radius_mm > first.mirror.radius_mm + 0.4
-    bench.get_by_role("button", name="Undo").click()
-    wait_for_response(bench)
-    assert sensor_on(bench).mirror == first.mirror
-    enter_value(bench, "Radius", "-5")
+        design_tab.keyboard.press("ArrowRight")
+    wait_for_response(design_tab)
+    assert sensor_on(design_tab).mirror.radius_mm > first.mirror.radius_mm + 0.4
+    design_tab.get_by_role("button", name="Undo").click()
+    wait_for_response(design_tab)
+    assert sensor_on(design_tab).mirror == first.mirror
+    enter_value(design_tab, "Radius", "-5")
     assert field.get_by_text("Radius must be").is_visible()
     low, high = (float(text) for text in field.locator(".ends span").all_inner_texts())
     assert low < high
 
 
-def test_all_axes_have_labels_with_units(bench):
+def test_all_axes_have_labels_with_units(design_tab):
     script = """() => window.omnimirror.tabs.design.plotArea.charts
       .filter((c) => c.plot).map((c) => c.plot.axes.map((a) => a.label))"""
-    labels = bench.evaluate(script)
+    labels = design_tab.evaluate(script)
     assert len(labels) >= 8
     assert {across for across, _ in labels} == {"Field angle Ω, °"}
     assert ["Field angle Ω, °", "h, px"] in labels
-    texts = bench.locator("svg.section").first.locator("text.tick").all_text_contents()
+    texts = design_tab.locator("svg.section").first.locator("text.tick").all_text_contents()
     assert {"z, mm", "x, mm"} < set(texts)
 
 
-def test_optimisation_is_cancelled_and_undone(bench):
-    first = sensor_on(bench)
-    bench.get_by_label("Minimise").select_option("worst_blur_deg")
-    bench.get_by_label("Coefficients", exact=True).fill("24")
-    bench.get_by_label("Number of starts").fill("8")
-    bench.evaluate(CANCEL_AT_FIRST_STEP)
-    bench.get_by_role("button", name="Optimise").click()
-    bench.wait_for_function("window.seen")
-    assert re.fullmatch(r"Start 1 of 8, step \d+: 0\.\d+ (deg|°)", bench.evaluate("window.seen"))
-    assert bench.get_by_text("Cancelled; the design is unchanged.").is_visible()
-    assert sensor_on(bench) == first
-    bench.get_by_label("Freeform surface").select_option("polynomial")
-    bench.get_by_label("Coefficients", exact=True).fill("3")
-    bench.get_by_label("Number of starts").fill("1")
-    bench.get_by_role("button", name="Optimise").click()
-    bench.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'optimised-worst-blur-deg'")
-    wait_for_response(bench)
+def test_optimisation_is_cancelled_and_undone(design_tab):
+    first = sensor_on(design_tab)
+    design_tab.get_by_label("Minimise").select_option("worst_blur_deg")
+    design_tab.get_by_label("Coefficients", exact=True).fill("24")
+    design_tab.get_by_label("Number of starts").fill("8")
+    design_tab.evaluate(CANCEL_AT_FIRST_STEP)
+    design_tab.get_by_role("button", name="Optimise").click()
+    design_tab.wait_for_function("window.seen")
+    assert re.fullmatch(
+        r"Start 1 of 8, step \d+: 0\.\d+ (deg|°)", design_tab.evaluate("window.seen")
+    )
+    assert design_tab.get_by_text("Cancelled; the design is unchanged.").is_visible()
+    assert sensor_on(design_tab) == first
+    design_tab.get_by_label("Freeform surface").select_option("polynomial")
+    design_tab.get_by_label("Coefficients", exact=True).fill("3")
+    design_tab.get_by_label("Number of starts").fill("1")
+    design_tab.get_by_role("button", name="Optimise").click()
+    design_tab.wait_for_function(f"{CURRENT_DESIGN}.tables.name === 'optimised-worst-blur-deg'")
+    wait_for_response(design_tab)
     e, before = (
-        om.evaluate(s, np.linspace(0, s.field_deg[1], 999)) for s in (sensor_on(bench), first)
+        om.evaluate(s, np.linspace(0, s.field_deg[1], 999)) for s in (sensor_on(design_tab), first)
     )
     blur, blur_before = (
         np.maximum(np.abs(x.blur_t_deg), np.abs(x.blur_s_deg)).max() for x in (e, before)
     )
     assert blur < 0.95 * blur_before
-    bench.keyboard.press("Control+z")
-    assert sensor_on(bench) == first
+    design_tab.keyboard.press("Control+z")
+    assert sensor_on(design_tab) == first
 
 
 @pytest.mark.full
-def test_misaligned_sensor_is_opened_reported_and_aligned(bench, tmp_path):
+def test_misaligned_sensor_is_opened_reported_and_aligned(design_tab, tmp_path):
     pose = MirrorPose(decentre_x_mm=1.7, tilt_y_deg=-0.5)
     save_sensor(
         replace(om.load_sensor("paper-hyperboloidal"), mirror_pose=pose), tmp_path / "mine.toml"
     )
-    before = plot_values(bench, "Image height")
-    bench.set_input_files("#design-file", tmp_path / "mine.toml")
-    bench.get_by_text("The mirror is misaligned").wait_for()
-    assert "()" not in bench.locator(".desk").inner_text()  # no Python
-    assert not np.array_equal(plot_values(bench, "Image height"), before)
-    optimise = bench.get_by_role("button", name="Optimise")
+    before = plot_values(design_tab, "Image height")
+    design_tab.set_input_files("#design-file", tmp_path / "mine.toml")
+    design_tab.get_by_text("The mirror is misaligned").wait_for()
+    assert "()" not in design_tab.locator(".desk").inner_text()  # no Python
+    assert not np.array_equal(plot_values(design_tab, "Image height"), before)
+    optimise = design_tab.get_by_role("button", name="Optimise")
     assert optimise.is_disabled()
-    assert bench.get_by_text("requires an aligned mirror; this one is decentred").is_visible()
-    enter_value(bench, "Decentre x", "2")
-    assert sensor_on(bench).mirror_pose.decentre_x_mm == 2
-    bench.get_by_role("button", name="Align the mirror").click()
-    wait_for_response(bench)
-    assert sensor_on(bench) == replace(
+    assert design_tab.get_by_text("requires an aligned mirror; this one is decentred").is_visible()
+    enter_value(design_tab, "Decentre x", "2")
+    assert sensor_on(design_tab).mirror_pose.decentre_x_mm == 2
+    design_tab.get_by_role("button", name="Align the mirror").click()
+    wait_for_response(design_tab)
+    assert sensor_on(design_tab) == replace(
         om.load_sensor("paper-hyperboloidal"), name="design", notes=""
     )
-    assert bench.get_by_text("The mirror is misaligned").is_hidden()
+    assert design_tab.get_by_text("The mirror is misaligned").is_hidden()
     assert optimise.is_enabled()
 
 
 @pytest.mark.full
-def test_unavailable_optimisations_are_not_offered(bench):
-    bench.get_by_label("Start from a bundled sensor").select_option("folded-spherical")
-    optimise = bench.get_by_role("button", name="Optimise")
-    bench.get_by_text("this sensor has two").wait_for()
+def test_unavailable_optimisations_are_not_offered(design_tab):
+    design_tab.get_by_label("Start from a bundled sensor").select_option("folded-spherical")
+    optimise = design_tab.get_by_role("button", name="Optimise")
+    design_tab.get_by_text("this sensor has two").wait_for()
     assert optimise.is_disabled()
-    assert bench.locator(f"#{optimise.get_attribute('aria-describedby')}").is_visible()
-    bench.get_by_label("Start from a bundled sensor").select_option("paraboloid-telecentric")
-    bench.get_by_text("this sensor has two").wait_for(state="hidden")
+    assert design_tab.locator(f"#{optimise.get_attribute('aria-describedby')}").is_visible()
+    design_tab.get_by_label("Start from a bundled sensor").select_option("paraboloid-telecentric")
+    design_tab.get_by_text("this sensor has two").wait_for(state="hidden")
     assert optimise.is_enabled()
 
 
 @pytest.mark.parametrize("width", [1280, pytest.param(360, marks=pytest.mark.full)])
-def test_section_labels_do_not_overlap(width, bench):
-    bench.set_viewport_size({"width": width, "height": 800})
-    bench.wait_for_function(
+def test_section_labels_do_not_overlap(width, design_tab):
+    design_tab.set_viewport_size({"width": width, "height": 800})
+    design_tab.wait_for_function(
         "(w) => Math.abs(document.querySelector('svg.section').getBoundingClientRect().width - "
         "document.querySelector('svg.section').viewBox.baseVal.width) < 1 && innerWidth === w",
         arg=width,
     )
-    boxes = bench.evaluate(
+    boxes = design_tab.evaluate(
         "[...document.querySelectorAll('svg.section')].map((s) => [...s.querySelectorAll('text')].map((t) => "
         "{ const b = t.getBBox(); return [b.x, b.y, b.x + b.width, b.y + b.height, t.textContent]; }))"
     )
@@ -480,41 +484,41 @@ def test_section_labels_do_not_overlap(width, bench):
 
 
 @pytest.mark.full
-def test_designs_are_distinguishable_without_colour(bench):
+def test_designs_are_distinguishable_without_colour(design_tab):
     for value in ("12", "13"):
-        bench.get_by_role("button", name="Pin", exact=True).click()
-        enter_value(bench, "Focal length", value)
-    bench.locator(".compare tbody tr").nth(2).wait_for()
-    swatches = bench.locator(".swatch line")
+        design_tab.get_by_role("button", name="Pin", exact=True).click()
+        enter_value(design_tab, "Focal length", value)
+    design_tab.locator(".compare tbody tr").nth(2).wait_for()
+    swatches = design_tab.locator(".swatch line")
     styles = [swatches.nth(i).get_attribute("stroke-dasharray") for i in range(3)]
     assert len(set(styles)) == 3
-    dashes = bench.evaluate(
+    dashes = design_tab.evaluate(
         "window.omnimirror.tabs.design.plotArea.charts[0].plot.series.slice(1)"
         ".map((s) => (s.dash ?? ['none']).join(' '))"
     )
     assert sorted(dashes) == sorted(styles)
 
 
-def test_view_through_design_is_displayed(bench, monkeypatch):
+def test_view_through_design_is_displayed(design_tab, monkeypatch):
     monkeypatch.setattr(
         _look_routes,
         "render_room",
         lambda look_sensor: encoded(pattern(look_sensor.camera.image_size), ".png"),
     )
-    drag_slider(bench, "Radius", 0.05)
-    sensor = sensor_on(bench)
-    bench.get_by_role("button", name="Use as camera").click()
-    bench.wait_for_function(
+    drag_slider(design_tab, "Radius", 0.05)
+    sensor = sensor_on(design_tab)
+    design_tab.get_by_role("button", name="Use as camera").click()
+    design_tab.wait_for_function(
         "window.omnimirror.look.feed?.name === 'circle.png' && window.omnimirror.look.camera"
     )
-    assert bench.locator("#view").is_visible()
-    model = bench.evaluate("window.omnimirror.look.sensor.camera.model")
+    assert design_tab.locator("#view").is_visible()
+    model = design_tab.evaluate("window.omnimirror.look.sensor.camera.model")
     assert model["rim_radius_px"] == pytest.approx(sensor.rim_radius_px)
-    bench.get_by_role("button", name="Design", exact=True).click()
-    assert sensor_on(bench) == sensor
+    design_tab.get_by_role("button", name="Design", exact=True).click()
+    assert sensor_on(design_tab) == sensor
 
 
-def test_bench_reconnects_to_server(browser):
+def test_design_tab_reconnects_to_server(browser):
     with serving(Studio()) as address:
         page = browser.new_context(bypass_csp=True).new_page()
         page.add_init_script(WITHOUT_IMAGES)
@@ -535,7 +539,7 @@ def test_bench_reconnects_to_server(browser):
     page.context.close()
 
 
-def test_bench_respects_content_security_policy(browser, server):
+def test_design_tab_respects_content_security_policy(browser, server):
     context = browser.new_context()
     page = context.new_page()
     messages = []
@@ -544,7 +548,9 @@ def test_bench_respects_content_security_policy(browser, server):
     page.on("request", lambda r: urls.append(r.url))
     page.goto(server)
     page.get_by_text("Drop an image or video here").wait_for()
-    assert not any("bench" in url for url in urls)  # the bench does not delay the first paint
+    assert not any(
+        url.endswith("/design.js") for url in urls
+    )  # the Design tab does not delay the first paint
     page.get_by_role("button", name="Design", exact=True).click()
     wait_for_plots(page)
     page.get_by_alt_text("Panorama of the room").wait_for()
@@ -553,15 +559,15 @@ def test_bench_respects_content_security_policy(browser, server):
 
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.full)])
-def test_accessibility_of_bench(scheme, bench):
+def test_accessibility_of_design_tab(scheme, design_tab):
     if not AXE.exists():
         pytest.skip("axe-core is not here: npm install in web/")
-    bench.emulate_media(color_scheme=scheme)
-    bench.get_by_role("button", name="Pin", exact=True).click()
-    bench.get_by_role("button", name="Add a requirement").click()
-    enter_value(bench, "Rim radius", "60")
-    bench.add_script_tag(path=AXE)
-    violations = bench.evaluate(
+    design_tab.emulate_media(color_scheme=scheme)
+    design_tab.get_by_role("button", name="Pin", exact=True).click()
+    design_tab.get_by_role("button", name="Add a requirement").click()
+    enter_value(design_tab, "Rim radius", "60")
+    design_tab.add_script_tag(path=AXE)
+    violations = design_tab.evaluate(
         "axe.run({ rules: { 'target-size': { enabled: true } } }).then((r) => r.violations)"
     )
     serious = {

@@ -1,4 +1,4 @@
-"""File import and export of the bench: sensors, requirements, reports, tables and rendered images."""
+"""File import and export of the Design tab: sensors, requirements, reports, tables and rendered images."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ...base.toml_validation import SourceLocator
 from ...optics.image_sensor import Imager
 from ...optics.sensor import Sensor
 from ...optics.sensor_files import format_sensor, sensor_of, tables_of
-from ._bench_requirements import lens_table, mirror_table, requirements_for
-from ._bench_sensors import aligned_sensor, on_bench, sensor_on_bench
+from ._design_requirements import lens_table, mirror_table, requirements_for
+from ._design_sensors import aligned_sensor, sensor_from_tables, tables_from_sensor
 from ._http_messages import framed
 from ._uploads import encoded, safe_name
-from .bench_messages import FileRequest, ImportedFile, RenderHeader, RenderRequest, distance_of
+from .design_messages import FileRequest, ImportedFile, RenderHeader, RenderRequest, distance_of
 
 ROWS = 361  # field angles of a table
 JPEG_QUALITY = 86
@@ -59,7 +59,7 @@ def opened(name: str, data: bytes) -> ImportedFile:
     where = SourceLocator(text, name)
     if "field" in tables:
         return ImportedFile(sensor=None, requirements=_checked(tables, where))
-    return ImportedFile(sensor=on_bench(sensor_of(tables, where)), requirements=None)
+    return ImportedFile(sensor=tables_from_sensor(sensor_of(tables, where)), requirements=None)
 
 
 def _checked(tables: dict[str, Any], where: SourceLocator) -> dict[str, Any]:
@@ -110,7 +110,7 @@ def design_file(requested: FileRequest) -> File:
     OmnimirrorError
         If the sensor is invalid or has no such file.
     """
-    sensor = sensor_on_bench(requested.tables)
+    sensor = sensor_from_tables(requested.tables)
     if requested.kind == "sensor":
         return File(f"{stem_of(sensor)}.toml", "application/toml", format_sensor(sensor).encode())
     return evaluation_table(sensor, distance_of(requested.object_distance_mm))
@@ -185,7 +185,7 @@ def taken(message: RenderRequest) -> bytes:
     from ...simulation.rendering import render_image
     from ...simulation.scenes.room import Room
 
-    sensor = coarser(sensor_on_bench(message.tables), message.width_px)
+    sensor = coarser(sensor_from_tables(message.tables), message.width_px)
     rendered = render_image(sensor, Room(), samples=message.samples)
     view = views.panorama(sensor)
     if view.size[0] > MAX_SIDE_PX:  # narrow vertical field
