@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import sys
+from dataclasses import replace
 from fractions import Fraction
 
 import av
@@ -12,6 +13,7 @@ import pytest
 from av.sidedata.sidedata import Type as SideData
 
 import omnimirror as om
+from omnimirror.base.errors import InvalidParameter
 from omnimirror.io.video_metadata import MasteringDisplay, dynamic_hdr_names
 from omnimirror.io.video_processing import process
 from omnimirror.io.video_reader import VideoReader
@@ -38,7 +40,7 @@ CHAPTERS = [(0, 1000, "First"), (1000, 2000, "Second")]
 BALL = om.MirrorBall(centre_px=(31.5, 23.5), rim_radius_px=22.0, field_deg=300.0, image_size=SIZE)
 
 
-def write_film(path, start_ms=0, seconds=2, languages=("deu", "eng"), subtitles=True):
+def write_film(path, start_ms=0, seconds=2, languages=("deu", "eng"), subtitles=True, text_tick=MS):
     """Write frames, two audio tracks, text subtitles and chapters, all delayed by begins_ms."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=25, options={"preset": "ultrafast", "bf": "0"})
@@ -51,7 +53,7 @@ def write_film(path, start_ms=0, seconds=2, languages=("deu", "eng"), subtitles=
         subtitle = container.add_stream(kind) if subtitles else None
         if subtitle:
             subtitle.codec_context.subtitle_header, subtitle.codec_context.time_base = HEADER, MS
-            subtitle.time_base, subtitle.metadata["language"] = MS, "fra"
+            subtitle.time_base, subtitle.metadata["language"] = text_tick, "fra"
         container.set_chapters(
             [
                 {
@@ -148,12 +150,16 @@ def test_tracks_are_preserved(tmp_path, source, target):
     np.testing.assert_allclose([t[:2] for t in after[3]], [(0.2, 0.7), (1.0, 0.5)], atol=0.006)
 
 
+@pytest.mark.parametrize("text_tick", [MS, Fraction(1, 1_000_000)])
 @pytest.mark.parametrize("start_ms", [0, 1200])
-def test_pauses_between_subtitles_are_kept(tmp_path, monkeypatch, start_ms):
-    """MP4 has samples without text in pauses; a copy of those delayed the texts after them."""
+def test_pauses_between_subtitles_are_kept(tmp_path, monkeypatch, start_ms, text_tick):
+    """MP4 has samples without text in pauses; a copy of those delayed the texts after them.
+
+    FFmpeg converts SubRip to texts in microseconds.
+    """
     texts = [(120, 900, "First"), (1500, 300, "Second"), (2600, 300, "Third")]
     monkeypatch.setattr(sys.modules[__name__], "TEXTS", texts)
-    write_film(tmp_path / "a.mp4", start_ms, seconds=3)
+    write_film(tmp_path / "a.mp4", start_ms, seconds=3, text_tick=text_tick)
     process_file(tmp_path / "a.mp4", tmp_path / "b.mp4")
     times = [((time_s + start_ms) / 1000, duration / 1000) for time_s, duration, _ in texts]
     subtitles = tracks_of(tmp_path / "b.mp4")[3]
@@ -304,6 +310,20 @@ def test_dewarping_keeps_tracks(tmp_path):
     chapters, languages, _, texts = tracks_of(tmp_path / "b.mp4")
     assert ([c[2] for c in chapters], languages) == (["First", "Second"], ["deu", "eng"])
     assert [text for *_, text in texts] == ["Hello there", "Second\nline"]
+
+
+def test_video_of_another_size_is_rejected_before_decoding(tmp_path):
+    write_film(tmp_path / "a.mkv")
+    camera = replace(BALL, image_size=(SIZE[1], SIZE[0]))
+    size = f"{SIZE[0]} x {SIZE[1]}"
+    with pytest.raises(InvalidParameter, match=f"the video must have the .*; got {size} px"):
+        om.dewarp_video(
+            tmp_path / "a.mkv",
+            tmp_path / "b.mkv",
+            camera=camera,
+            view=om.screens.Cylinder((64, 32), -40.0, 20.0),
+        )
+    assert not (tmp_path / "b.mkv").exists()
 
 
 def test_losses_are_reported(tmp_path):

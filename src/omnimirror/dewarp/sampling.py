@@ -287,15 +287,21 @@ def check_image(image: Image, size: tuple[int, int]) -> None:
             f"the image must have 1, 3 or 4 channels; got an array of shape {image.shape}"
         )
     height, width = image.shape[:2]
-    if (width, height) != tuple(size):
-        same_shape = abs(width * size[1] - height * size[0]) <= max(width, height, *size) / 2
+    check_size((width, height), size)
+
+
+def check_size(actual: tuple[int, int], expected: tuple[int, int], noun: str = "image") -> None:
+    """Raise an error unless images or a video have the (width, height) of a camera."""
+    (width, height), (across, down) = actual, expected
+    if (width, height) != (across, down):
+        same_shape = abs(width * down - height * across) <= max(width, height, across, down) / 2
         advice = (
-            "; the aspect ratios are equal: scale the image to that size first"
+            f"; the aspect ratios are equal: scale the {noun} to that size first"
             if same_shape
             else ""
         )
         raise InvalidParameter(
-            f"the image must have the {size[0]} x {size[1]} px of the camera; got {width} x {height} px{advice}"
+            f"the {noun} must have the {across} x {down} px of the camera; got {width} x {height} px{advice}"
         )
 
 

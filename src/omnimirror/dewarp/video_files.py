@@ -42,6 +42,7 @@ from . import views
 from ._dewarper import Dewarper
 from .interfaces import Border, Interpolation
 from .request import BorderArgument, BorderColour, DewarpRequest, Size, VideoSettings
+from .sampling import check_size
 from .screens import View
 from .view_geometry import Viewpoint
 from .yuv import Siting
@@ -398,6 +399,7 @@ class ViewOverTime:
         pixel_format: str,
     ) -> None:
         mounted = request.camera_of(size)
+        check_size(size, mounted.image_size, "video")
         self.request, self.settings, self.siting, self.pixel_format = (
             request,
             settings,

@@ -316,6 +316,9 @@ class SubtitleTrack:
         self._is_same = codec in supported
         if self._is_same:
             self._stream = container.add_stream_from_template(source)
+            # The MP4 muxer ends a text when a packet of any track passes it, and compares ticks of
+            # different lengths: ticks longer than those of the video end it in time.
+            self._stream.time_base = MILLISECOND
         else:
             source.codec_context.open(strict=False)
             self._stream = container.add_stream(supported[0])
