@@ -39,6 +39,7 @@ MAX_NESTING = 32
 """Maximum nesting of tables and lists in a TOML, JSON or YAML file."""
 NESTING_MESSAGE = f"tables and lists must be nested at most {MAX_NESTING} levels deep"
 INTEGER_MESSAGE = "integers must have at most 64 bits"
+DIGITS_LIMIT = "integer string conversion"  # in the message of ``int`` for thousands of digits
 DEEP_KEY = re.compile(
     r"""(?:^[ \t]*\[{0,2}|[{,])[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*)"""
     rf"{{{MAX_NESTING}}}",
@@ -473,15 +474,30 @@ def parse_json(text: str | bytes) -> Any:
     Raises
     ------
     ValueError
-        If the text is not valid JSON, or is nested too deeply.
+        If the text is not valid JSON, contains a name twice in an object or an integer of thousands
+        of digits, or is nested too deeply.
     """
     try:
-        data = json.loads(text)
+        data = json.loads(text, object_pairs_hook=_unique_names)
     except RecursionError:
         raise ValueError(NESTING_MESSAGE) from None
+    except ValueError as problem:
+        if DIGITS_LIMIT in str(problem):
+            raise ValueError(INTEGER_MESSAGE) from None
+        raise
     for _ in _levels(data):
         pass
     return data
+
+
+def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the object of name and value pairs; the last of equal names would replace the others."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        repeated = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{repeated[:80]} must not occur twice in a table")
+    return table
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:

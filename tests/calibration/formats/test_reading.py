@@ -111,6 +111,143 @@ def test_the_spelling_of_keys_does_not_change_the_model(tmp_path, text):
     assert (title, camera.xi, camera.p1) == ("opencv-omnidir", 1.31, 0.002)
 
 
+MULTICOL_REST = [f"Camera.{name}" for name in ("d", "e", "u0", "v0", "Iw", "Ih")]
+STORED = {
+    "image_width": SIZE[0],
+    "image_height": SIZE[1],
+    "camera_matrix": K.tolist(),
+    "distortion_coefficients": list(OMNIDIR[1:]),
+    "xi": OMNIDIR[0],
+}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        json.dumps(STORED | {"distortion_coefficients": [OMNIDIR[1:]], "xi": [[OMNIDIR[0]]]}),
+        json.dumps(STORED | {"distortion_coefficients": [[k] for k in OMNIDIR[1:]]}),
+        json.dumps(STORED | {"camera_matrix": K.ravel().tolist()}),
+        json.dumps(STORED | {"camera_matrix": {"rows": 3, "cols": 3, "data": K.tolist()}}),
+        "// K in px\n" + json.dumps(STORED).replace(", ", ", /* {\n */ // }\n") + "// end",
+        json.dumps(STORED | {"name": '// " /* no comment'}),
+        "\n# written by hand\n%YAML:1.0\n---\n" + yaml.safe_dump(STORED),
+        yaml.safe_dump(STORED).replace("\n", "\r\n") + "... # end\r\n",
+    ],
+    ids=["row", "column", "flat", "data", "comments", "strings", "header", "end"],
+)
+def test_notations_of_arrays_and_comments(tmp_path, text):
+    _, expected, _ = read(tmp_path / "a.json", json.dumps(STORED))
+    assert (expected.xi, expected.p2, expected.skew_px) == (OMNIDIR[0], OMNIDIR[4], 0.7)
+    assert read(tmp_path / "b.txt", text) == ("opencv-omnidir", expected, ())
+
+
+def test_opencvs_comments_in_json(tmp_path):
+    storage = cv2.FileStorage(str(tmp_path / "a.json"), cv2.FILE_STORAGE_WRITE)
+    storage.writeComment("of the left camera")
+    for name, value in (("camera_matrix", K), ("distortion_coefficients", PINHOLE), ("xi", 1.0)):
+        storage.write(name, value)
+    storage.release()
+    assert "//" in (tmp_path / "a.json").read_text()
+    assert read(tmp_path / "a.json", size=SIZE)[0] == "opencv-omnidir"
+
+
+def test_later_documents_are_noted(tmp_path):
+    second = yaml.safe_dump(STORED | {"xi": 0.5})
+    _, camera, notes = read(tmp_path / "a.yaml", yaml.safe_dump(STORED) + "--- # right\n" + second)
+    assert camera.xi == OMNIDIR[0]
+    assert notes == ("the file contains 2 YAML documents; only the first is read",)
+
+
+KALIBR = {
+    "camera_model": "omni",
+    "intrinsics": [1.3, 400.0, 401.0, 640.0, 480.0],
+    "distortion_model": "radtan",
+    "distortion_coeffs": list(OMNIDIR[1:]),
+    "resolution": list(SIZE),
+}
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (STORED | {"xi": None}, "xi must be a finite number; got empty"),
+        (
+            STORED | {"distortion_coefficients": {"rows": 1, "cols": 3, "data": OMNIDIR[1:]}},
+            "distortion_coefficients must have rows x cols = 1 x 3 numbers; got 4",
+        ),
+        (KALIBR | {"distortion_model": None}, "distortion_model must be a word; got empty"),
+        (
+            {name: value for name, value in KALIBR.items() if name != "distortion_model"},
+            "must contain distortion_model",
+        ),
+        (
+            KALIBR | {"distortion_model": "none"},
+            "distortion_coeffs must be empty or 0 for distortion_model none",
+        ),
+        (
+            {"Camera.a0": -200, "Camera.a2": 1e-3, "Camera.c": 1} | dict.fromkeys(MULTICOL_REST, 0),
+            r"must contain Camera\.a1",
+        ),
+        (
+            {"Camera.a0": -200, "Camera.c": 1, "Camera.nrpol": 5} | dict.fromkeys(MULTICOL_REST, 9),
+            r"Camera\.nrpol must be the number of coefficients, 1",
+        ),
+    ],
+)
+def test_contradictory_entries_are_rejected(tmp_path, table, message):
+    """Instead of omitting some of the coefficients."""
+    with pytest.raises(SpecError, match=message):
+        read(tmp_path / "a.json", json.dumps(table))
+
+
+@pytest.mark.parametrize(
+    ("flag", "name"),
+    [
+        *((flag, "opencv-pinhole") for flag in ("0", "no", "False")),
+        *((flag, "opencv-fisheye") for flag in ("1", "1.", "yes")),
+    ],
+)
+def test_booleans_of_yaml(tmp_path, flag, name):
+    text = yaml.safe_dump({k: v for k, v in STORED.items() if k != "xi"})
+    assert read(tmp_path / "a.yaml", f"{text}fisheye_model: {flag}\n")[0] == name
+
+
+@pytest.mark.parametrize("flag", ["2", "", "[]", "pinhole"])
+def test_other_flags_are_rejected(tmp_path, flag):
+    """Instead of reading a fisheye."""
+    text = yaml.safe_dump({k: v for k, v in STORED.items() if k != "xi"})
+    with pytest.raises(SpecError, match="fisheye_model must be 0 for a pinhole camera or 1 for a"):
+        read(tmp_path / "a.yaml", f"{text}fisheye_model: {flag}\n")
+
+
+def test_repeated_names_in_json_are_rejected(tmp_path):
+    """Instead of the last value, as in YAML and XML."""
+    with pytest.raises(SpecError, match=r"a\.json: xi must not occur twice"):
+        read(tmp_path / "a.json", json.dumps(STORED)[:-1] + ', "xi": 0.5}')
+
+
+def test_repeated_camera_ids_are_rejected(tmp_path):
+    with pytest.raises(SpecError, match="the camera id 1 must not occur twice"):
+        read(tmp_path / "cameras.txt", "1 FISHEYE 9 9 5 5 4 4\n" * 2)
+
+
+@pytest.mark.parametrize("name", [None, 7, ["a"]])
+def test_names_of_cameras_have_no_effect(tmp_path, name):
+    _, camera, _ = read(
+        tmp_path / "a.json",
+        json.dumps(
+            {
+                "camera_name": name,
+                "taylor_coefficient": [200, 0, -1e-3],
+                "distortion_center": [640, 480],
+                "stretch_matrix": [[1, 0], [0, 1]],
+            }
+        ),
+        size=SIZE,
+    )
+    assert camera.polynomial[0] == -200
+
+
 PLAIN = np.array([[500.0, 0.0, 655.0], [0.0, 498.0, 475.0], [0.0, 0.0, 1.0]])
 
 
@@ -492,8 +629,55 @@ def test_matlab_scripts_with_variables(tmp_path):
     assert camera.polynomial[0] == -300.0
     with pytest.raises(SpecError, match=r"line 1: the variable params must be set"):
         read(tmp_path / "b.m", call.format("params"))
-    with pytest.raises(SpecError, match=r"with numbers in brackets, without .* such as eye\(2\)"):
-        read(tmp_path / "c.m", "i = fisheyeIntrinsics([300 0 0 0], [960 1280], [656 476], eye(2));")
+
+
+MATLAB_CALL = "i = fisheyeIntrinsics([300 -1e-3 0 0], [960 1280], [656 476], [1 0.001; 0 1]);"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "%{\ni = fisheyeIntrinsics([1 0 0 0], [9 9], [5 5]);\n%}\n" + MATLAB_CALL,
+        MATLAB_CALL.replace("[1 0.001; 0 1]", "[1 0; 0.001 1]'"),
+        MATLAB_CALL.replace("; 0 1]", "\n 0 1]").replace("[300 ", "[300, ... first\n "),
+        "size = [960, 1280]; at=[656 476];\na = [300; -1e-3\n0; 0]';\n"
+        "i = fisheyeIntrinsics(a, size, at, [1 0.001; 0 1])",
+    ],
+    ids=["block comment", "transposed", "lines", "variables"],
+)
+def test_notations_of_matlab(tmp_path, text):
+    _, expected, _ = read(tmp_path / "a.m", MATLAB_CALL)
+    assert (expected.polynomial[2], expected.affine[2]) == (1e-3, 0.001)
+    assert read(tmp_path / "b.m", text)[1] == expected
+    identity = read(tmp_path / "c.m", MATLAB_CALL.replace("[1 0.001; 0 1]", "eye(2)"))[1]
+    assert identity.affine == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (MATLAB_CALL.replace("[300", "2*[300"), r"line 1: MappingCoefficients must be numbers"),
+        (MATLAB_CALL.replace("[656 476]", "[656 476]-1"), r"DistortionCenter must be numbers"),
+        (
+            "at = [1 1];\n" * 2 + MATLAB_CALL.replace("[656 476]", "at"),
+            "line 3: the variable at must",
+        ),
+        ("at = [9 9];at(1) = 2;" + MATLAB_CALL.replace("[656 476]", "at"), "at must be set once"),
+        ("at = 2 * [9 9];" + MATLAB_CALL.replace("[656 476]", "at"), "at must be set once"),
+        ("at = [9 9] + 1;" + MATLAB_CALL.replace("[656 476]", "at"), "at must be set once"),
+        ("at = [9 9]; [at, b] = f(at);" + MATLAB_CALL.replace("[656 476]", "at"), "be set once"),
+        (MATLAB_CALL * 2, r"must call fisheyeIntrinsics once; got 2 calls"),
+        (
+            '{"MappingCoefficients": [300, 0, 0, 0], "ImageSize": [9, 9], "DistortionCenter": [5, 5],'
+            ' "StretchMatrix": [1, 0, 0, 1]}',
+            "StretchMatrix must have 2 rows of 2 numbers",
+        ),
+    ],
+)
+def test_arithmetic_of_matlab_is_rejected(tmp_path, text, message):
+    """Instead of the numbers in brackets without the arithmetic."""
+    with pytest.raises(SpecError, match=message):
+        read(tmp_path / "a.m", text)
 
 
 @pytest.mark.parametrize(

@@ -365,3 +365,14 @@ def test_invalid_image_size_raises(size):
         InvalidParameter, match="image width must be an integer between 1 and 100000 px"
     ):
         om.MirrorBall(centre_px=(5.0, 5.0), rim_radius_px=5.0, field_deg=260.0, image_size=size)
+
+
+@pytest.mark.parametrize("model", [DoubleSphere, EnhancedUnified])
+def test_symmetric_mixing_has_no_warning(model):
+    """At alpha = 0.5, rays opposite to the axis are projected to infinity."""
+    shape = {"xi": -0.2} if model is DoubleSphere else {"beta": 1.1}
+    camera = model(
+        alpha=0.5, focal_px=(400.0, 400.0), centre_px=(320.0, 240.0), image_size=(640, 480), **shape
+    )
+    corner_px = np.hypot(320.5, 240.5)
+    assert camera.field_radius_px == pytest.approx(corner_px, rel=1e-3)

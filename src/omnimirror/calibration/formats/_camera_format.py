@@ -16,7 +16,6 @@ from ...base.caching import cached_property
 from ...base.errors import SpecError
 from ...base.files import (
     MAX_TEXT_BYTES,
-    NESTING_MESSAGE,
     compose_yaml,
     decompress,
     parse_json,
@@ -74,11 +73,15 @@ class Node:
         return entry
 
     def polynomial(self, prefix: str) -> tuple[float, ...]:
-        """Return the coefficients of a mapping named by their powers: p0, p1, ..."""
-        numbers = [self[f"{prefix}0"].number()]
-        while f"{prefix}{len(numbers)}" in self:
-            numbers.append(self[f"{prefix}{len(numbers)}"].number())
-        return tuple(numbers)
+        """Return the coefficients of a mapping named by their powers: p0, p1, ...; all are required."""
+        named = re.compile(re.escape(prefix) + r"(0|[1-9]\d{0,2})")
+        powers = [int(match[1]) for name in self.names() if (match := named.fullmatch(name))]
+        return tuple(self[f"{prefix}{i}"].number() for i in range(max(powers, default=0) + 1))
+
+    def label(self, name: str) -> str:
+        """Return a name in a mapping, which has no effect on the camera; empty without one."""
+        value = self[name].value if name in self else None
+        return "" if isinstance(value, dict | list | None) else str(value)
 
     # -- values ------------------------------------------------------------------------------------
 
@@ -130,13 +133,17 @@ class Node:
         return tuple(entry.number() for entry in entries)
 
     def matrix(self, rows: int, columns: int) -> Array:
-        """Return a matrix from nested lists, or from ``rows``, ``cols`` and ``data``."""
+        """Return a matrix from nested lists, a list of all numbers by row, or ``data`` of both kinds
+        with ``rows`` and ``cols``.
+        """
         if "data" in self:
-            flat = self["data"].numbers(rows * columns)
+            matrix = self["data"].matrix(rows, columns)
             for name, valid in (("rows", rows), ("cols", columns)):
                 if name in self and self[name].integer() != valid:
                     self[name].fail(f"must be {valid}; got {self[name].integer()}")
-            return np.array(flat).reshape(rows, columns)
+            return matrix
+        if not any(isinstance(entry.value, list) for entry in self.entries()):
+            return np.array(self.numbers(rows * columns)).reshape(rows, columns)
         if len(self.entries()) != rows:
             self.fail(f"must have {rows} rows of {columns} numbers; got {len(self.entries())} rows")
         return np.array([row.numbers(columns) for row in self.entries()])
@@ -146,8 +153,26 @@ class Node:
         return self.flat().numbers(*counts)
 
     def flat(self) -> Node:
-        """Return the data list of a matrix with ``data``; other lists unchanged."""
-        return self["data"] if "data" in self else self  # noqa: SIM401
+        """Return the numbers of a matrix with one row or column as a list; other lists unchanged."""
+        if "data" in self:
+            numbers = self["data"].flat()
+            self._check_shape(numbers)
+            return numbers
+        rows = self.value if isinstance(self.value, list) else []
+        if not rows or not all(isinstance(row.value, list) for row in rows):
+            return self
+        if len(rows) > 1 and any(len(row.value) != 1 for row in rows):
+            return self
+        return Node([n for row in rows for n in row.value], self.source, self.name, self.line)
+
+    def _check_shape(self, numbers: Node) -> None:
+        """Raise an error unless ``rows`` and ``cols`` agree with the numbers in ``data``."""
+        if "rows" in self and "cols" in self and isinstance(numbers.value, list):
+            shape = self["rows"].integer(), self["cols"].integer()
+            if shape[0] * shape[1] != len(numbers.value):
+                self.fail(
+                    f"must have rows x cols = {shape[0]} x {shape[1]} numbers; got {len(numbers.value)}"
+                )
 
     def _kind(self) -> str:
         match self.value:
@@ -190,8 +215,8 @@ def read_yaml(text: str, source: str) -> Node:
     >>> read_yaml("cam0:\\n  resolution: [640, 480]\\n", "a.yaml")["cam0"]["resolution"].numbers(2)
     (640.0, 480.0)
     """
-    if text.startswith("%YAML:"):  # OpenCV's header; the line is kept for correct line numbers
-        text = "#" + text
+    # OpenCV's header, also after comments, becomes a comment: the numbers of lines are unchanged.
+    text = re.sub(r"(?m)^(?=%YAML:)", "#", text, count=1)
     node = compose_yaml(text, source)
     return Node(None, source) if node is None else _entry(node, source, "")
 
@@ -217,12 +242,12 @@ def _entry(tree: Any, source: str, name: str) -> Node:
 
 
 def read_json(text: str, source: str) -> Node:
-    """Read the entries of a JSON text.
+    """Read the entries of a JSON text, which may contain comments as written by OpenCV.
 
     Raises
     ------
     SpecError
-        If it is not valid JSON, or is nested too deeply.
+        If it is not valid JSON, contains a name twice, or is nested too deeply.
 
     Examples
     --------
@@ -230,18 +255,29 @@ def read_json(text: str, source: str) -> Node:
     (319.5, 239.5)
     """
     try:
-        return _plain(parse_json(text), source, "")
+        return _plain(parse_json(_without_comments(text)), source, "")
     except json.JSONDecodeError as problem:
         raise SpecError(
             f"{source} line {problem.lineno} is not valid JSON: {problem.msg}"
         ) from None
     except ValueError as problem:
-        reason = (
-            f": {problem}"
-            if str(problem) == NESTING_MESSAGE
-            else " contains an integer with thousands of digits"
-        )
-        raise SpecError(f"{source}{reason}") from None
+        raise SpecError(f"{source}: {problem}") from None
+
+
+JSON_COMMENT = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
+
+
+def _without_comments(text: str) -> str:
+    """Replace the comments of a JSON text by spaces, so that the numbers of lines are unchanged.
+
+    >>> _without_comments('{"a": "//", // b\\n"c": 1 /* d */}')
+    '{"a": "//", \\n"c": 1 }'
+    """
+
+    def kept(match: re.Match[str]) -> str:
+        return match[0] if match[0].startswith('"') else "\n" * match[0].count("\n")
+
+    return JSON_COMMENT.sub(kept, text)
 
 
 def _plain(value: Any, source: str, name: str) -> Node:
@@ -469,7 +505,7 @@ class CameraFile:
         match self.data.removeprefix(BYTE_ORDER_MARK).lstrip()[:1]:
             case b"<":
                 return [lambda: read_xml(self.text, self.source)]
-            case b"{":
+            case b"{" | b"/":  # or a comment before it
                 return [lambda: read_json(self.text, self.source), yaml]
         return [yaml]
 
@@ -479,7 +515,7 @@ class CameraFile:
         documents: list[list[str]] = [[]]
         has_content = False
         for line in self.text.splitlines():
-            if line.rstrip() in ("---", "...") and has_content:
+            if re.fullmatch(r"(---|\.\.\.)\s*(#.*)?", line) and has_content:
                 documents.append([])
                 has_content = False
                 continue

@@ -33,7 +33,7 @@ def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     """Read the camera of the file."""
     table = file.entries
     model = table["model_type"].word().upper()
-    name = table["camera_name"].word() if "camera_name" in table else ""
+    name = table.label("camera_name")
     if model not in MODELS:
         table["model_type"].choice(*MODELS)
     try:

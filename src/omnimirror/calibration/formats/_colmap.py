@@ -83,6 +83,9 @@ def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
         raise SpecError(
             f"{reading.source} must contain a camera, CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS; got none"
         )
+    names = [entry.name for entry in entries]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise SpecError(f"{reading.source}: the camera id {repeated[0]} must not occur twice")
     return entries
 
 

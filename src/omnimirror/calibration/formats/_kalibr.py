@@ -45,10 +45,10 @@ def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
 def _camera(table: Node, reading: ReadOptions) -> Any:
     model = table["camera_model"].choice(*DISTORTIONS)
     distortion = "none"
-    if "distortion_model" in table:
+    if "distortion_model" in table or "distortion_coeffs" in table:
         distortion = table["distortion_model"].choice(*DISTORTIONS[model])
     size = reading.size_in(table, "resolution")
-    numbers = table["intrinsics"].numbers({"omni": 5, "pinhole": 4}.get(model, 6))
+    numbers = table["intrinsics"].row({"omni": 5, "pinhole": 4}.get(model, 6))
     *shape_parameters, fu, fv, pu, pv = numbers
     common: dict[str, Any] = {
         "focal_px": (fu, fv),
@@ -56,7 +56,11 @@ def _camera(table: Node, reading: ReadOptions) -> Any:
         "image_size": size,
         **reading.model_arguments,
     }
-    coefficients = () if distortion == "none" else table["distortion_coeffs"].numbers(4)
+    coefficients: tuple[float, ...] = ()
+    if distortion != "none":
+        coefficients = table["distortion_coeffs"].row(4)
+    elif "distortion_coeffs" in table and any(table["distortion_coeffs"].row()):
+        table["distortion_coeffs"].fail("must be empty or 0 for distortion_model none")
     try:
         if model == "eucm":
             return EnhancedUnified(**named_numbers(("alpha", "beta"), shape_parameters), **common)

@@ -154,11 +154,21 @@ def write_fisheye(camera: KannalaBrandt, name: str = "") -> str:
     )
 
 
+FLAGS = dict.fromkeys(("0", "0.", "0.0", "false", "no", "off"), False) | dict.fromkeys(
+    ("1", "1.", "1.0", "true", "yes", "on"), True
+)
+"""Booleans of FileStorage (integers), JSON and YAML 1.1."""
+
+
 def fisheye_model(table: Node) -> bool | None:
     """Return the entry ``fisheye_model`` of OpenCV's calibration sample; None if missing."""
     if "fisheye_model" not in table:
         return None
-    return str(table["fisheye_model"].value).lower() not in ("0", "false", "0.0", "0.")
+    entry = table["fisheye_model"]
+    flag = FLAGS.get(str(entry.value).lower())
+    if flag is None:
+        entry.fail("must be 0 for a pinhole camera or 1 for a fisheye")
+    return flag
 
 
 def is_fisheye(file: CameraFile) -> bool:
@@ -218,11 +228,7 @@ def read_pinhole(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     if fisheye_model(table):
         table["fisheye_model"].fail("= 1 declares a fisheye; this file is read as a pinhole camera")
     focal, centre, skew = camera_matrix(table["camera_matrix"])
-    k = table["distortion_coefficients"].row(*DISTORTION_COUNTS)
-    if any(k[8:]):
-        table["distortion_coefficients"].fail(
-            "contains thin-prism or tilt terms, which are not supported; all after the eighth must be 0"
-        )
+    k = distortion_numbers(table["distortion_coefficients"], *DISTORTION_COUNTS)
     model: Any = RationalPinhole if any(k[5:]) else Unified
     law = {} if model is RationalPinhole else {"xi": 0.0}
     numbers = named_numbers(
@@ -241,6 +247,16 @@ def read_pinhole(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
         raise SpecError(f"{reading.source}: {problem}") from None
     ignored = (f"the skew of {skew:g} px is ignored, as by OpenCV's functions",) if skew else ()
     return [CameraEntry("", camera, ignored)]
+
+
+def distortion_numbers(entry: Node, *counts: int) -> tuple[float, ...]:
+    """Return at most eight coefficients; those of thin prisms and tilted sensors must be 0."""
+    k = entry.row(*counts)
+    if any(k[8:]):
+        entry.fail(
+            "contains thin-prism or tilt terms, which are not supported; all after the eighth must be 0"
+        )
+    return k[:8]
 
 
 def write_pinhole(camera: Any, name: str = "") -> str:

@@ -18,12 +18,12 @@ from ._camera_format import (
     named_numbers,
     number_row,
 )
-from ._opencv import camera_matrix
+from ._opencv import camera_matrix, distortion_numbers
 
 Matrix: TypeAlias = tuple[tuple[float, float], tuple[float, float], float]
 MATRIX = frozenset({"fx", "fy", "skew", "cx", "cy"})
 RATIONAL = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8,), "equidistant": (4,)}
+COUNTS = {"plumb_bob": (5, 4), "rational_polynomial": (8, 12, 14), "equidistant": (4,)}
 
 
 def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
@@ -34,7 +34,7 @@ def read(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     size = table["image_width"].integer(), table["image_height"].integer()
     focal, centre, skew = camera_matrix(table["camera_matrix"])
     camera = _camera(table, "distortion_coefficients", (focal, centre, skew), size, reading)
-    return [CameraEntry(table["camera_name"].word() if "camera_name" in table else "", camera)]
+    return [CameraEntry(table.label("camera_name"), camera)]
 
 
 def _message(table: Node, reading: ReadOptions) -> CameraEntry:
@@ -57,7 +57,8 @@ def _cropped(table: Node) -> Iterator[str]:
     region = [
         roi[n].integer() if n in roi else 0 for n in ("x_offset", "y_offset", "width", "height")
     ]
-    if any(region):
+    whole = [0, 0, table["width"].integer(), table["height"].integer()]
+    if any(region) and region != whole:
         yield (
             "the camera transmits only the region {2}x{3} at ({0}, {1}); the camera matrix applies to the "
             "whole image"
@@ -70,7 +71,7 @@ def _camera(
     """Create the camera of a distortion model and its coefficients."""
     model = table["distortion_model"].choice(*COUNTS, "fisheye")
     model = "equidistant" if model == "fisheye" else model  # name used by some drivers
-    k = table[coefficients].row(*COUNTS[model])
+    k = distortion_numbers(table[coefficients], *COUNTS[model])
     focal, centre, skew = matrix
     common: dict[str, Any] = {
         "focal_px": focal,

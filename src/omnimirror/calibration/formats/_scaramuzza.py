@@ -198,7 +198,7 @@ def ocam_of(taylor: MatlabPolynomial, image_size: tuple[int, int], reading: Read
 
 def _mapping_coefficients(entry: Node, *counts: int) -> tuple[float, ...]:
     """Return coefficients a0, ... of a file whose third axis points towards the scene: a0 > 0."""
-    numbers = entry.numbers(*counts)
+    numbers = entry.row(*counts)
     if not (numbers and numbers[0] > 0):
         value = f"{numbers[0]:g}" if numbers else "none"
         entry.fail(f"must begin with a positive number, f(0) > 0; got {value}")
@@ -218,37 +218,41 @@ def read_matlab(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     is_script = MATLAB_SCRIPT.search(file.data) is not None
     table = _arguments(file.text, reading.source) if is_script else file.entries
     a0, *rest = _mapping_coefficients(table[MATLAB_NAMES[0]], 4)
-    size = table[MATLAB_NAMES[1]].entries()
+    size = table[MATLAB_NAMES[1]].flat().entries()
     if len(size) != 2:
         table[MATLAB_NAMES[1]].fail("must be two numbers, rows and columns")
     height, width = (entry.integer() for entry in size)
-    u, v = table[MATLAB_NAMES[2]].numbers(2)
-    stretch = table[MATLAB_NAMES[3]].matrix(2, 2) if MATLAB_NAMES[3] in table else np.eye(2)
+    u, v = table[MATLAB_NAMES[2]].row(2)
+    stretch = np.eye(2)
+    if MATLAB_NAMES[3] in table:
+        if len(table[MATLAB_NAMES[3]].entries()) != 2:  # a list of numbers is by column in MATLAB
+            table[MATLAB_NAMES[3]].fail("must have 2 rows of 2 numbers")
+        stretch = table[MATLAB_NAMES[3]].matrix(2, 2)
     taylor = MatlabPolynomial(np.array([a0, 0.0, *rest]), (u - 1, v - 1), stretch)
     return [CameraEntry("", ocam_of(taylor, (width, height), reading))]
 
 
+BRACKETS = r"\[[^\][]*\]'?"  # numbers of a vector or matrix, also transposed
+CONTINUATION = "\v"  # white space instead of the end of a continued line
+
+
 def _arguments(text: str, source: str) -> Node:
-    """Return the arguments of ``fisheyeIntrinsics`` in a script, each a row or matrix in brackets."""
-    code = "\n".join(line.split("%")[0] for line in text.splitlines()).replace("...", "   ")
-    call = re.search(r"fisheyeIntrinsics\s*\(([^()]*)\)", code)
-    if not call:
+    """Return the arguments of ``fisheyeIntrinsics`` in a script, each a row or matrix in brackets.
+
+    Scripts are not executed: arithmetic, repeated assignments and several calls are rejected.
+    """
+    code = _without_matlab_comments(text)
+    calls = list(re.finditer(r"fisheyeIntrinsics\s*\(((?:[^()]|\([^()]*\))*)\)", code))
+    if not calls:
+        raise SpecError(f"{source} must call fisheyeIntrinsics with numbers in brackets")
+    if len(calls) > 1:
         raise SpecError(
-            f"{source} must call fisheyeIntrinsics with numbers in brackets, without other "
-            "functions, such as eye(2)"
+            f"{source} must call fisheyeIntrinsics once; got {len(calls)} calls; store each camera "
+            "in a file of its own"
         )
-    line = code[: call.start()].count("\n") + 1
-    variables = dict(
-        re.findall(r"(?m)^\s*([A-Za-z]\w*)\s*=\s*(\[[^\][]*\])\s*;?\s*$", code[: call.start()])
-    )
-    arguments = re.sub(r"[A-Za-z]\w*", lambda word: variables.get(word[0], word[0]), call[1])
-    outside = re.sub(r"\[[^\][]*\]", "", re.sub(r"\d[eE][-+]?\d", "", arguments))
-    if unknown := re.search(r"[A-Za-z]\w*", outside):
-        raise SpecError(
-            f"{source} line {line}: the variable {unknown[0]} must be set to numbers in "
-            "brackets; write the numbers into the call of fisheyeIntrinsics"
-        )
-    parts = re.findall(r"\[([^\][]*)\]", arguments)
+    before = code[: calls[0].start()]
+    line = len(re.findall(rf"[\n{CONTINUATION}]", before)) + 1
+    parts = [part.strip() for part in re.split(r",(?![^\[]*\])", calls[0][1])]
     if len(parts) not in (3, 4):
         raise SpecError(
             f"{source} line {line}: fisheyeIntrinsics must have 3 or 4 arguments in "
@@ -256,13 +260,56 @@ def _arguments(text: str, source: str) -> Node:
         )
     table = {}
     for name, part in zip(MATLAB_NAMES, parts, strict=False):
+        at = f"{source} line {line}"
+        numbers = _matlab_value(part, name, before, at)
         rows = [
-            [_word(w, source, name, line) for w in re.split(r"[\s,]+", r.strip()) if w]
-            for r in part.split(";")
+            [_word(word, source, name, line) for word in re.split(r"[\s,]+", row.strip()) if word]
+            for row in re.split(r"[;\n]", numbers.strip("[]'"))
         ]
-        entries = [Node(r, source, name, line) for r in rows]
-        table[name] = Node(entries if len(entries) > 1 else rows[0], source, name, line)
+        rows = [row for row in rows if row]
+        if numbers.endswith("'") and len({len(row) for row in rows}) == 1:
+            rows = [list(column) for column in zip(*rows, strict=True)]
+        entries = [Node(row, source, name, line) for row in rows]
+        is_row = len(entries) == 1
+        table[name] = Node(rows[0] if is_row else entries, source, name, line)
     return Node(table, source, "", line)
+
+
+def _without_matlab_comments(text: str) -> str:
+    """Remove comments and continuations of a script, with unchanged numbers of lines."""
+
+    def blank(match: re.Match[str]) -> str:
+        return "\n" * match[0].count("\n")
+
+    code = re.sub(r"(?ms)^[ \t]*%\{[ \t]*$.*?^[ \t]*%\}[ \t]*$", blank, text)
+    code = "\n".join(line.split("%")[0] for line in code.splitlines())
+    return re.sub(r"\.\.\.[^\n]*\n", CONTINUATION, code)
+
+
+def _matlab_value(part: str, name: str, before: str, at: str) -> str:
+    """Return the numbers in brackets of an argument: literal, identity matrix or variable."""
+    if re.fullmatch(r"eye\s*\(\s*2\s*\)", part):
+        return "[1 0; 0 1]"
+    if re.fullmatch(BRACKETS, part):
+        return part
+    if not re.fullmatch(r"[A-Za-z]\w*", part):
+        raise SpecError(f"{at}: {name} must be numbers in brackets; got {part[:40]!r}")
+    # Assignments to the variable, to its elements, or to several variables at once.
+    assignments = [
+        match["value"] if match["index"] is None else None
+        for match in re.finditer(
+            rf"(?<![\w.]){part}[ \t]*(?P<index>\([^()]*\)|\{{[^{{}}]*\}}|\.\w+)?[ \t]*=(?!=)\s*"
+            rf"(?P<value>{BRACKETS}(?=[ \t]*(?:[;,\n]|$)))?",
+            before,
+        )
+    ]
+    is_multiple = re.search(rf"\[[^\][]*\b{part}\b[^\][]*\]\s*=(?!=)", before)
+    if len(assignments) != 1 or assignments[0] is None or is_multiple:
+        raise SpecError(
+            f"{at}: the variable {part} must be set once to numbers in brackets; write the numbers "
+            "into the call of fisheyeIntrinsics"
+        )
+    return assignments[0]
 
 
 def _word(word: str, source: str, name: str, line: int) -> Node:
@@ -366,7 +413,7 @@ def read_py_ocamcalib(file: CameraFile, reading: ReadOptions) -> list[CameraEntr
         width, height = (entry.integer() for entry in table["image_size"].entries())
     else:
         width, height = reading.size()
-    name = table["camera_name"].word() if "camera_name" in table else ""
+    name = table.label("camera_name")
     camera = ocam_of(MatlabPolynomial(coefficients, (u, v), stretch), (width, height), reading)
     inverse = table["inverse_poly"].numbers() if "inverse_poly" in table else ()
     return [
@@ -475,6 +522,9 @@ def read_multicol(file: CameraFile, reading: ReadOptions) -> list[CameraEntry]:
     direct = -np.array(table.polynomial("Camera.a"))
     camera = ocam_of(MatlabPolynomial(direct, (u, v), np.array([[c, d], [e, 1.0]])), size, reading)
     inverse = table.polynomial("Camera.pol") if "Camera.pol0" in table else ()
+    for name, polynomial in (("Camera.nrpol", direct), ("Camera.nrinvpol", inverse)):
+        if name in table and table[name].integer() != len(polynomial):
+            table[name].fail(f"must be the number of coefficients, {len(polynomial)}")
     return [
         CameraEntry("", camera, tuple(inverse_polynomial_warnings(camera, c * np.array(inverse))))
     ]

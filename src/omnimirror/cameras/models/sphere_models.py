@@ -158,9 +158,10 @@ class EnhancedUnified(FocalModel):
 
     def _projected_radius(self, omega: Array) -> Array:
         sin, cos = np.sin(omega), np.cos(omega)
-        radius: Array = sin / (
-            self.alpha * np.sqrt(self.beta * sin**2 + cos**2) + (1 - self.alpha) * cos
-        )
+        with np.errstate(divide="ignore"):  # infinite at the end of the field
+            radius: Array = sin / (
+                self.alpha * np.sqrt(self.beta * sin**2 + cos**2) + (1 - self.alpha) * cos
+            )
         return radius
 
     def _projection(self, omega: Array) -> RadialProjection:
@@ -238,7 +239,8 @@ class DoubleSphere(FocalModel):
     def _projected_radius(self, omega: Array) -> Array:
         cos = np.cos(omega)
         d = np.sqrt(1 + 2 * self.xi * cos + self.xi**2)
-        radius: Array = np.sin(omega) / (self.alpha * d + (1 - self.alpha) * (self.xi + cos))
+        with np.errstate(divide="ignore"):  # infinite at the end of the field
+            radius: Array = np.sin(omega) / (self.alpha * d + (1 - self.alpha) * (self.xi + cos))
         return radius
 
     def _projection(self, omega: Array) -> RadialProjection:
