@@ -41,7 +41,7 @@ def open_group(job: BatchJob, name: str) -> Any:
 def prepare_group(
     job: BatchJob, name: str, count: int, sizes: Mapping[str, tuple[int, int]]
 ) -> None:
-    """Create the arrays of a group, or extend them to a number of images.
+    """Create the arrays of a group, or change their length to a number of images.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def prepare_group(
                 f"{array.chunks[0]}; the job has {width} x {height} px in chunks of {chunk}; "
                 "use another output.url"
             )
-        _extend(array, count)
+        _resize(array, count)
     time = _array(
         group,
         "time",
@@ -94,7 +94,7 @@ def prepare_group(
         group, "valid", shape=(count,), chunks=(chunk,), dtype="bool", dimension_names=("time",)
     )
     for array in (time, valid):
-        _extend(array, count)
+        _resize(array, count)
 
 
 def _array(group: Any, name: str, **properties: Any) -> Any:
@@ -106,6 +106,7 @@ def _array(group: Any, name: str, **properties: Any) -> Any:
         return group[name]
 
 
-def _extend(array: Any, count: int) -> None:
-    if array.shape[0] < count:
+def _resize(array: Any, count: int) -> None:
+    """Change the number of images; those of removed inputs would remain valid at the end."""
+    if array.shape[0] != count:
         array.resize((count, *array.shape[1:]))

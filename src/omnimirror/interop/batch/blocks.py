@@ -400,6 +400,7 @@ def _write_files(context: _Context) -> None:
                 continue
             for output in item.outputs:
                 try:
+                    context.store.check_name(output.name)
                     image = context.processor(item).image(source, output.view, Path(output.name))
                     data = image.encoded(output.name)
                 except Exception as e:

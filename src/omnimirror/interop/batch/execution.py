@@ -30,7 +30,7 @@ from ...io.batch import error_message
 from .blocks import balance_blocks
 from .job import BatchJob, load_job
 from .manifest import DONE, FAILED, PLAN_NAME, REMOVED, BatchManifest, ManifestRow, ManifestWriter
-from .planning import BatchPlan, plan_of
+from .planning import BatchPlan, plan_of, short_key, unassigned_key
 from .stores import Store, remove_leftovers
 
 RATE_PERIOD_S = 60.0
@@ -213,8 +213,7 @@ def run(
     own_rows = ManifestWriter(store)
     if part == WHOLE or part[0] == 1:
         _record_unassigned(batch_plan, own_rows)
-    if blocks:
-        batch_plan.prepare()
+    batch_plan.prepare()
     writers = {own_rows.name}
     if on_progress is not None:
         on_progress(done, total)
@@ -290,7 +289,7 @@ def _record_unassigned(batch_plan: BatchPlan, rows: ManifestWriter) -> None:
     for each in batch_plan.unassigned:
         rows.add(
             ManifestRow(
-                key=f"unassigned {each.name}",
+                key=unassigned_key(each),
                 input=each.name,
                 output="",
                 view="",
@@ -329,30 +328,21 @@ def _remove_stale(batch_plan: BatchPlan, rows: ManifestWriter) -> None:
 def _status(store: Store, manifest: BatchManifest) -> BatchStatus:
     try:
         record = parse_json(store.read(PLAN_NAME))
-    except (MediaError, ValueError):
+        total, keys = int(record["total"]), set(record["keys"])
+    except (MediaError, ValueError, TypeError, KeyError):
         raise OmnimirrorError(
             f"there is no plan in {store.root}; run omnimirror batch plan or run"
         ) from None
-    sensors, views = set(record["sensors"]), record["views"]
-    latest: dict[tuple[str, str], ManifestRow] = {}
+    latest: dict[str, ManifestRow] = {}
     for row in manifest.rows.values():
-        is_current = row.version == record["version"] and (
-            not row.view
-            or (row.sensor_digest in sensors and views.get(row.view) == row.view_digest)
-        )
-        row_before = latest.get((row.input, row.view))
-        if (
-            is_current
-            and row.status != REMOVED
-            and (not row_before or row_before.finished < row.finished)
-        ):
-            latest[row.input, row.view] = row
-    assigned = {row.input for row in latest.values() if row.view}
-    rows = [row for row in latest.values() if row.view or row.input not in assigned]
+        before = latest.get(row.key)
+        if row.status != REMOVED and (before is None or before.finished < row.finished):
+            latest[row.key] = row
+    rows = [row for row in latest.values() if short_key(row.key) in keys]
     failed = [row for row in rows if row.status == FAILED]
     done = [row.finished for row in rows if row.status == DONE]
     errors = {row.input: row.error for row in sorted(failed, key=lambda r: r.input)[:MAX_ERRORS]}
-    return BatchStatus(record["total"], len(done), len(failed), _rate(done), errors)
+    return BatchStatus(total, len(done), len(failed), _rate(done), errors)
 
 
 def _rate(finished: list[float]) -> float:

@@ -7,6 +7,7 @@ shape of arrays, and the key frames of videos.
 from __future__ import annotations
 
 import csv
+import glob
 import gzip
 import io
 import math
@@ -29,7 +30,7 @@ from ...base.errors import InvalidParameter, MediaError, OmnimirrorError, extra_
 from ...base.files import MAX_TEXT_BYTES, check_file
 from ...dewarp.image_files import SourceImage
 from ...io.batch import READABLE_IMAGE_SUFFIXES
-from ...io.images import ImageMetadata, decode_image_and_metadata
+from ...io.images import OPAQUE, ImageMetadata, decode_image_and_metadata
 from .job import BatchJob, digest_of
 from .manifest import parquet_rows
 from .stores import MAX_OBJECT_BYTES, Store, is_remote
@@ -78,7 +79,7 @@ class BatchInput:
     @property
     def name(self) -> str:
         """Name for messages and the manifest."""
-        return f"{self.url}!{self.member}" if self.member else self.url
+        return printable(f"{self.url}!{self.member}" if self.member else self.url)
 
     def identity(self, kind: str) -> list[Any]:
         """Return the data that identify the content: the name, and size and time of the file."""
@@ -93,7 +94,8 @@ def list_inputs(job: BatchJob) -> list[BatchInput]:
     Raises
     ------
     OmnimirrorError
-        If a pattern matches nothing, or a list, table, shard, array or video cannot be read.
+        If a pattern matches nothing, a list, table, shard, array or video cannot be read, or there
+        are no inputs.
     """
     table = job.inputs
     inputs: dict[str, BatchInput] = {}
@@ -109,7 +111,18 @@ def list_inputs(job: BatchJob) -> list[BatchInput]:
     for source in sources:
         for each in source:
             inputs.setdefault(each.name, label(each))
+    if not inputs:
+        raise MediaError("inputs must contain at least one image; got none")
     return list(inputs.values())
+
+
+def printable(name: str) -> str:
+    r"""Return a name with the bytes of other encodings than UTF-8 as text.
+
+    >>> printable("caf\udce9.png")
+    'caf\\udce9.png'
+    """
+    return name.encode("utf-8", "backslashreplace").decode()
 
 
 # -- Camera and time -------------------------------------------------------------------------------
@@ -126,13 +139,14 @@ def time_pattern(form: str) -> re.Pattern[str]:
     Raises
     ------
     InvalidParameter
-        If the format contains unknown fields.
+        If the format contains no, unknown or repeated fields.
     """
     parts = re.split(r"%(.)", form)
-    unknown = [name for name in parts[1::2] if name not in TIME_FIELDS]
-    if unknown or len(parts) < 3:
+    fields = parts[1::2]
+    is_valid = fields and len(set(fields)) == len(fields) and "%" not in "".join(parts[::2])
+    if not is_valid or not set(fields) <= set(TIME_FIELDS):
         raise InvalidParameter(
-            f"inputs.time must contain fields from %{', %'.join(TIME_FIELDS)}; got {form!r}"
+            f"inputs.time must contain fields from %{', %'.join(TIME_FIELDS)}, each once; got {form!r}"
         )
     return re.compile(
         "".join(
@@ -154,7 +168,7 @@ class Labels:
         """Return an input with camera and time; those of a table are kept."""
         changes: dict[str, Any] = {}
         if self.camera is not None and not each.camera and (m := self.camera.search(each.name)):
-            changes["camera"] = m[1]
+            changes["camera"] = m[1] or ""
         if self.pattern is not None and each.time is None and (m := self.pattern.search(each.name)):
             changes["time"] = parse_time(m[0], self.form)
         return replace(each, **changes) if changes else each
@@ -170,27 +184,53 @@ def parse_time(text: str, form: str = "") -> float | None:
         moment = datetime.strptime(text, form) if form else datetime.fromisoformat(text)
     except ValueError:
         return None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    return timestamp(moment)
+
+
+def timestamp(moment: datetime) -> float | None:
+    """Return the time in s since 1970, in UTC unless it contains a zone; None if its year is not 1
+    to 9999 in UTC.
+    """
+    try:
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).astimezone(UTC).timestamp()
+    except OverflowError:
+        return None
 
 
 # -- Files, lists and tables -----------------------------------------------------------------------
 
 
 def _files(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
-    """Yield the files of a pattern; a folder stands for its images and those of its subfolders."""
-    url = job.resolve(pattern)
-    if not is_remote(url) and os.path.isdir(url):
+    """Yield the files of a pattern; a folder stands for its images and those of its subfolders.
+
+    Outputs are not inputs of the next run: files in an output folder inside the folder of the
+    inputs are omitted.
+    """
+    url = _pattern_url(job, pattern)
+    if not is_remote(url) and os.path.isdir(job.resolve(pattern)):
         url = os.path.join(url, "**")
-    store = job.store(url)
-    matches = store.glob(url)
-    is_pattern = url != job.resolve(pattern) or any(c in pattern for c in "*?[")
+    is_pattern = glob.escape(job.resolve(pattern)) != url
+    root, outputs = root_of(url), f"{job.output_url.rstrip('/')}/"
+    omitted = None if root.startswith(outputs) else outputs
     count = 0
-    for each in matches:
+    for each in job.store(url).glob(url):
+        if omitted is not None and each.url.startswith(omitted):
+            continue
         if not is_pattern or each.url.lower().endswith(READABLE_IMAGE_SUFFIXES):
             count += 1
-            yield BatchInput(each.url, size=each.size, stamp=each.stamp, root=root_of(url))
+            yield BatchInput(each.url, size=each.size, stamp=each.stamp, root=root)
     if not count:
         raise MediaError(f"inputs.files must match images; got none for {pattern}")
+
+
+def _pattern_url(job: BatchJob, pattern: str) -> str:
+    """Return the URL of a pattern in the file; the name of an existing file stands for itself."""
+    url = job.resolve(pattern)
+    if is_remote(url):
+        return url
+    if os.path.lexists(url):
+        return glob.escape(url)
+    return job.resolve(pattern, is_pattern=True)
 
 
 def _listed(job: BatchJob, name: str) -> Iterator[BatchInput]:
@@ -204,12 +244,12 @@ def _listed(job: BatchJob, name: str) -> Iterator[BatchInput]:
 
 def _file(job: BatchJob, name: str, **labels: Any) -> BatchInput:
     url = job.resolve(name)
-    labels["root"] = job.resolve("") if not is_remote(url) else root_of(url)
+    labels["root"] = root_of(url) if is_remote(url) else f"{job.resolve('')}/"
     if is_remote(url):
         return BatchInput(url, **labels)
     try:
         status = os.stat(url)
-    except OSError:
+    except (OSError, ValueError):  # missing, or a name with a null character
         return BatchInput(url, **labels)
     return BatchInput(url, size=status.st_size, stamp=str(status.st_mtime_ns), **labels)
 
@@ -218,20 +258,23 @@ def _tabulated(job: BatchJob, name: str) -> Iterator[BatchInput]:
     """Yield the rows of a CSV or Parquet table with the columns path, camera and time."""
     url = job.resolve(name)
     data = job.store(url).read(url, 0, MAX_TABLE_BYTES)
-    if url.endswith(".parquet"):
+    if url.lower().endswith(".parquet"):
         try:
             rows = parquet_rows(data)
         except (ValueError, OSError) as e:
             raise MediaError(f"{url} must be a Parquet table: {e}") from None
     else:
-        rows = list(csv.DictReader(io.StringIO(data.decode("utf-8-sig", "replace"))))
+        try:
+            rows = list(csv.DictReader(io.StringIO(data.decode("utf-8-sig", "replace"))))
+        except csv.Error as e:
+            raise MediaError(f"{url} must be a CSV or Parquet table: {e}") from None
     for number, row in enumerate(rows, 1):
         if not row.get("path"):
             raise MediaError(f"{url} must have a column path with a name; row {number} has none")
-        labels: dict[str, Any] = {"camera": str(row.get("camera") or "")}
+        labels: dict[str, Any] = {"camera": _camera_id(row.get("camera"))}
         if (moment := row.get("time")) not in (None, ""):
             stamp = (
-                moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
+                timestamp(moment)
                 if isinstance(moment, datetime)
                 else parse_time(str(moment), job.inputs.time or "")
             )
@@ -239,6 +282,13 @@ def _tabulated(job: BatchJob, name: str) -> Iterator[BatchInput]:
                 raise MediaError(f"{url}, row {number}: time must be ISO 8601; got {moment!r}")
             labels["time"] = stamp
         yield _file(job, str(row["path"]), **labels)
+
+
+def _camera_id(value: Any) -> str:
+    """Return a camera id; a column of integers with gaps contains real numbers."""
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.17g}"
+    return "" if value is None else str(value)
 
 
 def _package(name: str, purpose: str) -> Any:
@@ -252,7 +302,7 @@ def _package(name: str, purpose: str) -> Any:
 
 
 def _matches(job: BatchJob, pattern: str) -> list[Any]:
-    url = job.resolve(pattern)
+    url = _pattern_url(job, pattern)
     matches = job.store(url).glob(url)
     if not matches:
         raise MediaError(f"inputs must match files; got none for {pattern}")
@@ -264,7 +314,7 @@ def _members(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
     for shard in _matches(job, pattern):
         with job.store(shard.url).open(shard.url) as file:
             try:
-                if shard.url.endswith(".zip"):
+                if _is_zip(shard.url):
                     with zipfile.ZipFile(file) as archive:
                         members = [(m.filename, -1, m.file_size) for m in archive.infolist()]
                 else:
@@ -275,7 +325,7 @@ def _members(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
                 raise MediaError(f"{shard.url} must be a tar, tar.gz or zip file: {e}") from None
         for name, start, size in members:
             if name.lower().endswith(READABLE_IMAGE_SUFFIXES):
-                root = root_of(job.resolve(pattern))
+                root = root_of(_pattern_url(job, pattern))
                 yield BatchInput(shard.url, name, start, size, shard.stamp, root=root)
 
 
@@ -285,6 +335,10 @@ GZIP_SUFFIXES = (".tar.gz", ".tgz")
 
 def _is_gzip(url: str) -> bool:
     return url.lower().endswith(GZIP_SUFFIXES)
+
+
+def _is_zip(url: str) -> bool:
+    return url.lower().endswith(".zip")
 
 
 def open_array(url: str, storage: Any) -> Any:
@@ -328,7 +382,7 @@ def _segments(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
                 size=video.size,
                 stamp=video.stamp,
                 duration_s=duration,
-                root=root_of(job.resolve(pattern)),
+                root=root_of(_pattern_url(job, pattern)),
             )
 
 
@@ -401,7 +455,7 @@ class InputReader:
             if len(data) < each.size:
                 raise MediaError(f"cannot read {each.name}: the file is truncated")
             return data
-        if each.url.endswith(".zip"):
+        if _is_zip(each.url):
             return self._unzipped(each)
         array = self.array(each.url)
         index, length = int(each.member), self._slab_length(array)
@@ -411,6 +465,10 @@ class InputReader:
     def decode(self, each: BatchInput, data: bytes | np.ndarray[Any, Any]) -> SourceImage:
         """Decode an input."""
         if isinstance(data, np.ndarray):
+            if data.dtype.name not in OPAQUE:
+                raise MediaError(
+                    f"{each.name} must have {', '.join(OPAQUE)} values; got {data.dtype.name}"
+                )
             pixels = np.ascontiguousarray(data[..., 0] if data.shape[2:] == (1,) else data)
             return SourceImage(each.name, pixels, ImageMetadata())
         pixels, metadata = decode_image_and_metadata(
@@ -492,9 +550,13 @@ def root_of(pattern: str) -> str:
 
     >>> root_of("/raw/20*/*.jpg"), root_of("s3://b/raw/a.tar")
     ('/raw/', 's3://b/raw/')
+    >>> root_of("/raw[[]1]/*.jpg")
+    '/raw[1]/'
     """
-    fixed = re.split(r"[*?[]", pattern, maxsplit=1)[0]
-    return fixed[: fixed.rfind("/") + 1]
+    fixed = re.match(r"(?:\[[*?[]\]|[^*?[])*", pattern)
+    assert fixed is not None
+    text = re.sub(r"\[([*?[])\]", r"\1", fixed[0])
+    return text[: text.rfind("/") + 1]
 
 
 def stem_of(each: BatchInput) -> tuple[str, str]:
@@ -504,11 +566,15 @@ def stem_of(each: BatchInput) -> tuple[str, str]:
     ('2024/', 'a')
     >>> stem_of(BatchInput("s3://b/s-0.tar", "x/7.png", 512, root="s3://b/"))
     ('s-0/x/', '7')
+    >>> stem_of(BatchInput("/raw/s.zip", "../../x.png", root="/raw/"))
+    ('s/', 'x')
     """
-    path = each.url.removeprefix(each.root)
+    path = printable(each.url.removeprefix(each.root))
     if each.member:
-        path = f"{os.path.splitext(path)[0].removesuffix('.tar')}/{each.member}"
-        if each.start < 0 and not each.url.endswith(".zip"):
+        path = f"{os.path.splitext(path)[0].removesuffix('.tar')}/{printable(each.member)}"
+        if each.start < 0 and not _is_zip(each.url):
             return path.rpartition("/")[0] + "/", each.member.replace(".", "_")
-    folder, slash, name = path.rpartition("/")
-    return folder.lstrip("/") + slash, os.path.splitext(name)[0]
+    *folders, name = path.split("/")
+    # Members of archives may have names outside their folder.
+    folder = "".join(f"{each}/" for each in folders if each not in ("", ".", ".."))
+    return folder, os.path.splitext(name)[0]

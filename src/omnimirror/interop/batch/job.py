@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import fnmatch
+import glob
 import hashlib
 import json
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from pathlib import Path
+from string import Formatter
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -24,7 +27,7 @@ from ...base.toml_validation import SourceLocator, did_you_mean, merge_tables
 from ...io.batch import IMAGE_SUFFIXES, WRITABLE_VIDEO_SUFFIXES
 from ...optics.camera_files import format_camera, load_camera
 from ..named_views import MAX_VIEWS, NamedView, parse_view
-from .stores import Store, join_url
+from .stores import Store, is_remote, join_url
 
 OutputKind = Literal["files", "webdataset", "zarr", "video"]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -216,9 +219,11 @@ class BatchJob:
         """Absolute URL of the outputs."""
         return self.resolve(self.output.url)
 
-    def resolve(self, name: str) -> str:
-        """Return the absolute form of a name in the file."""
-        return join_url(str(self.folder.absolute()), name)
+    def resolve(self, name: str, is_pattern: bool = False) -> str:
+        """Return the absolute form of a name in the file, or of a pattern."""
+        folder = str(self.folder.absolute())
+        url = join_url(glob.escape(folder) if is_pattern else folder, name)
+        return url if is_remote(url) else os.path.normpath(url)
 
     def sensor_of(self, camera: str, time: float | None) -> AssignedSensor | None:
         """Return the sensor of an input; None if no rule applies."""
@@ -416,13 +421,28 @@ def _check(job: BatchJob) -> None:
     dated = [each.rule for each in job.sensors if each.rule.since or each.rule.until]
     if dated and inputs.time is None and inputs.table is None:
         raise SpecError("sensor.since and sensor.until require inputs.time or a table with time")
+    _check_template(output.name)
+
+
+NAME_FIELDS = ("folder", "stem", "view", "digest", "camera", "time", "sensor")
+
+
+def _check_template(template: str) -> None:
+    """Raise SpecError unless a template of output names has valid fields and stays in the folder."""
     try:
-        output.name.format(folder="", stem="", view="", digest="", camera="", time="", sensor="")
-    except (KeyError, IndexError, ValueError):
+        fields = {field for _, field, _, _ in Formatter().parse(template) if field is not None}
+        name = template.format(**dict.fromkeys(NAME_FIELDS, "x"))
+    except (KeyError, IndexError, ValueError, AttributeError, TypeError):
+        fields, name = {""}, ""
+    if not fields <= {*NAME_FIELDS}:
+        names = "}, {".join(NAME_FIELDS[:-1])
         raise SpecError(
-            "output.name must contain only {folder}, {stem}, {view}, {digest}, {camera}, {time} and "
-            f"{{sensor}}; got {output.name!r}"
-        ) from None
+            f"output.name must contain only {{{names}}} and {{{NAME_FIELDS[-1]}}}; got {template!r}"
+        )
+    if "\0" in name or any(part in ("", ".", "..") for part in name.split("/")):
+        raise SpecError(
+            f"output.name must be a relative name without empty parts and ..; got {template!r}"
+        )
 
 
 def _has_images(inputs: InputTable) -> bool:

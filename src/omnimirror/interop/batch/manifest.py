@@ -13,7 +13,7 @@ import os
 import socket
 import time
 import weakref
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from importlib import import_module
@@ -111,9 +111,7 @@ class ManifestWriter:
             return
         with self.lock:
             if self.handle is None:
-                path = Path(self.store.url(f"{self.name}.jsonl"))
-                path.parent.mkdir(parents=True, exist_ok=True)
-                self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+                self.handle = _open_to_append(Path(self.store.url(f"{self.name}.jsonl")))
                 weakref.finalize(self, os.close, self.handle)
         os.write(self.handle, row.line())
 
@@ -129,6 +127,14 @@ class ManifestWriter:
             with self.lock:
                 self.rows = rows + self.rows
             raise
+
+
+def _open_to_append(path: Path) -> int:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+    except OSError as e:
+        raise OmnimirrorError(f"cannot write {path}: {e.strerror or e}") from None
 
 
 @lru_cache(maxsize=8)
@@ -175,9 +181,8 @@ class BatchManifest:
             f"the manifest in {self.store.root} changes continuously; repeat the command"
         )
 
-    def _add(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        for values in rows:
-            row = ManifestRow(**values)
+    def _add(self, rows: Iterable[ManifestRow]) -> None:
+        for row in rows:
             previous = self.rows.get(row.identity)
             if previous is None or previous.finished <= row.finished:
                 self.rows[row.identity] = row
@@ -199,8 +204,7 @@ class BatchManifest:
             return
         latest: dict[tuple[str, str], ManifestRow] = {}
         for name in names:
-            for values in _rows_in(self.store.read(f"{FOLDER}/{name}"), name):
-                row = ManifestRow(**values)
+            for row in _rows_in(self.store.read(f"{FOLDER}/{name}"), name):
                 previous = latest.get(row.identity)
                 if previous is None or previous.finished <= row.finished:
                     latest[row.identity] = row
@@ -216,18 +220,20 @@ class BatchManifest:
         self.store.write(TABLE_NAME, parquet_bytes(rows))
 
 
-def _rows_in(data: bytes, name: str) -> Iterable[Mapping[str, Any]]:
+def _rows_in(data: bytes, name: str) -> list[ManifestRow]:
     """Return the rows of a part; an incomplete last line of a killed process is omitted."""
-    if name.endswith(".parquet"):
-        try:
-            return parquet_rows(data)
-        except (OSError, ValueError) as e:
-            raise MediaError(f"the part {name} of the manifest is damaged: {e}") from None
     lines = data[: data.rfind(b"\n") + 1].splitlines()
     try:
-        return [json.loads(line) for line in lines]
-    except ValueError:
-        raise MediaError(f"the part {name} of the manifest is damaged; remove it") from None
+        tables = parquet_rows(data) if name.endswith(".parquet") else map(json.loads, lines)
+        rows = [ManifestRow(**table) for table in tables]
+        is_valid = all(isinstance(row.finished, float | int) for row in rows)
+    except (OSError, ValueError, TypeError):
+        is_valid = False
+    if not is_valid:
+        raise MediaError(
+            f"the part {name} of the manifest is damaged; remove it to compute its outputs again"
+        )
+    return rows
 
 
 def parquet_rows(data: bytes) -> list[dict[str, Any]]:

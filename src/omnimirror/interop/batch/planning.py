@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -158,14 +159,10 @@ class BatchPlan(Result):
         return BatchBlock(number, name, replace(self.job, sensors=()), sensors, tuple(items), start)
 
     def write(self) -> None:
-        """Store the number of outputs for ``batch status``."""
-        record = {
-            "total": self.total,
-            "unassigned": len(self.unassigned),
-            "sensors": sorted({each.digest for each in self.job.sensors}),
-            "views": self.job.view_digests,
-            "version": __version__,
-        }
+        """Store the keys of the outputs for ``batch status``, which lists no inputs."""
+        keys = [output.key for item in self.items for output in item.outputs]
+        keys += [unassigned_key(each) for each in self.unassigned]
+        record = {"total": self.total, "keys": sorted(map(short_key, keys))}
         self.manifest.store.write(PLAN_NAME, json.dumps(record).encode())
 
     def prepare(self) -> None:
@@ -186,6 +183,20 @@ class BatchPlan(Result):
         return table_of(self.sensor_counts())
 
 
+def unassigned_key(source: BatchInput) -> str:
+    """Return the key in the manifest of an input without an applicable sensor."""
+    return f"unassigned {source.name}"
+
+
+def short_key(key: str) -> str:
+    """Return a key in 12 hexadecimal digits, as stored in the plan.
+
+    >>> len(short_key("unassigned a.png"))
+    12
+    """
+    return hashlib.blake2b(key.encode(), digest_size=6).hexdigest()
+
+
 def plan_of(job: BatchJob) -> BatchPlan:
     """List the inputs of a job and compare its outputs with the manifest.
 
@@ -195,10 +206,15 @@ def plan_of(job: BatchJob) -> BatchPlan:
         If inputs cannot be listed, two outputs have the same name, or the manifest is damaged.
     """
     manifest = BatchManifest(job.store())
+    outputs = {
+        manifest.store.url(row.output) for row in manifest.rows.values() if row.status == DONE
+    }
     inputs = _frames(job) if job.render is not None else list_inputs(job)
     assigned: list[tuple[BatchInput, AssignedSensor]] = []
     unassigned: list[BatchInput] = []
     for each in inputs:
+        if not each.member and each.url in outputs:  # in the folder of the inputs
+            continue
         sensor = job.sensor_of(each.camera, each.time)
         if sensor is None:
             unassigned.append(each)
@@ -260,14 +276,14 @@ def _file_items(job: BatchJob, keyed: Sequence[_Keyed]) -> list[PlannedItem]:
     """Name a file per input and view after the template."""
     output = job.output
     items: list[PlannedItem] = []
-    owners: dict[str, str] = {}
+    owners: dict[str, tuple[str, str]] = {}
     for each in keyed:
         folder, stem = stem_of(each.source)
         moment = each.source.time
         values = {
             "folder": folder,
             "stem": stem,
-            "camera": each.source.camera,
+            "camera": folder_name(each.source.camera),
             "sensor": each.sensor,
             "time": ""
             if moment is None
@@ -277,10 +293,17 @@ def _file_items(job: BatchJob, keyed: Sequence[_Keyed]) -> list[PlannedItem]:
         for view, key in each.keys.items():
             stem_name = output.name.format(**values, view=view, digest=key[:NAME_DIGITS])
             names[view] = stem_name + output.format
-            if owners.setdefault(names[view], each.source.name) != each.source.name:
+            if not stem_name.rpartition("/")[2]:
                 raise InvalidParameter(
-                    f"outputs must have different names; got {names[view]} for "
-                    f"{owners[names[view]]} and {each.source.name}; add {{digest}} to output.name"
+                    f"output.name must not be empty; got {names[view]!r} for {each.source.name}; "
+                    "add {digest} to output.name"
+                )
+            owner = owners.setdefault(names[view], (each.source.name, view))
+            if owner != (each.source.name, view):
+                missing = "digest" if owner[0] != each.source.name else "view"
+                raise InvalidParameter(
+                    f"outputs must have different names; got {names[view]} for view {owner[1]} of "
+                    f"{owner[0]} and view {view} of {each.source.name}; add {{{missing}}} to output.name"
                 )
         items.append(each.item(job, names, ""))
     return items
@@ -298,15 +321,33 @@ def _shard_items(job: BatchJob, keyed: Sequence[_Keyed]) -> list[PlannedItem]:
             group = members[first : first + size]
             digest = digest_of([list(each.keys.values()) for each in group])[:NAME_DIGITS]
             stem = f"{sensor}-{number:06d}"
-            for each in group:
+            labels = [_label(each.source) for each in group]
+            counts = Counter(labels)
+            for each, label in zip(group, labels, strict=True):
                 if suffix == ".tar":
                     names = dict.fromkeys(each.keys, f"{stem}-{digest}{suffix}")
                 else:
                     names = {view: f"{stem}-{view}-{digest}{suffix}" for view in each.keys}
-                folder, name = stem_of(each.source)
-                label = f"{folder}{name}".replace(".", "_")
+                if counts[label] > 1:  # a.jpg and a.png would be one sample
+                    label += f"-{next(iter(each.keys.values()))[:NAME_DIGITS]}"
                 items.append(each.item(job, names, label))
     return items
+
+
+def _label(source: BatchInput) -> str:
+    """Return the key of a sample in a shard, which ends at its first point."""
+    folder, name = stem_of(source)
+    return f"{folder}{name}".replace(".", "_")
+
+
+def folder_name(camera: str) -> str:
+    """Return a camera id as the name of a folder.
+
+    >>> folder_name("roof/2"), folder_name("..")
+    ('roof_2', '__')
+    """
+    name = camera.replace("/", "_")
+    return "_" * len(name) if name in (".", "..") else name
 
 
 def _array_items(job: BatchJob, keyed: Sequence[_Keyed]) -> list[PlannedItem]:
@@ -318,7 +359,9 @@ def _array_items(job: BatchJob, keyed: Sequence[_Keyed]) -> list[PlannedItem]:
     ordered = sorted(keyed, key=lambda e: unknown if e.source.time is None else e.source.time)
     for each in ordered:
         camera = each.source.camera
-        group = f"{ARRAYS}/{camera or 'unknown'}/" if len(cameras) > 1 else f"{ARRAYS}/"
+        group = (
+            f"{ARRAYS}/{folder_name(camera) or 'unknown'}/" if len(cameras) > 1 else f"{ARRAYS}/"
+        )
         index = counts[camera]
         counts[camera] += 1
         names = {view: f"{group}{view}[{index}]" for view in each.keys}

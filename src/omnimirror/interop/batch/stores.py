@@ -10,6 +10,7 @@ from __future__ import annotations
 import glob
 import json
 import os
+import re
 import socket
 import stat
 from collections.abc import Callable, Iterator, Mapping
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from ...base.block_runner import Retries
-from ...base.errors import MediaError, OmnimirrorError, extra_remedy
+from ...base.errors import MediaError, OmnimirrorError, abbreviate, extra_remedy
 from ...base.files import TEMPORARY_MARK, read_bytes
 
 T = TypeVar("T")
@@ -29,6 +30,8 @@ OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "memory
 """Protocols of stores in which writing an object is atomic."""
 MAX_OBJECT_BYTES = 4 << 30
 """Maximum size of an object that is read as a whole, bytes."""
+MAX_NAME_BYTES = 255
+"""Maximum length of a file name in bytes in the usual file systems."""
 TEMPORARY_FOLDER = "_temporary"
 
 
@@ -150,6 +153,17 @@ class Store:
             raise MediaError(f"cannot read {url}: it does not exist") from None
         except OSError as e:
             raise MediaError(f"cannot read {url}: {e.strerror or e}") from None
+        except ValueError as e:  # null character in a name
+            raise MediaError(f"cannot read {url!r}: {e}") from None
+
+    def check_name(self, name: str) -> None:
+        """Raise MediaError if a part of a name is longer than local file systems permit."""
+        longest = max(name.split("/"), key=len)
+        if not self.is_remote and len(longest.encode()) > MAX_NAME_BYTES:
+            raise MediaError(
+                f"cannot write {abbreviate(name)}: the name must have at most {MAX_NAME_BYTES} "
+                f"bytes; got {len(longest.encode())}; shorten output.name"
+            )
 
     def write(self, name: str, data: bytes) -> None:
         """Write an object atomically.
@@ -237,7 +251,7 @@ class Store:
         """Return the objects that match a pattern, in order; ``**`` also matches subfolders."""
         url = self.url(pattern)
         if not self.is_remote:
-            paths = sorted(glob.iglob(url, recursive=True)) if glob.has_magic(url) else [url]
+            paths = sorted(set(_glob(url))) if glob.has_magic(url) else [url]
             return [entry for path in paths if (entry := _local_object(path)) is not None]
         if not glob.has_magic(url):
             return [_stored_object(url, self._access(url, lambda: self._fs.info(url)))]
@@ -281,9 +295,18 @@ def temporary_folder(root: str) -> str:
 
 
 def remove_leftovers(root: str) -> None:
-    """Remove temporary files of ended processes of this host."""
+    """Remove temporary files of ended processes of this host.
+
+    Raises
+    ------
+    OmnimirrorError
+        If the folder cannot be created.
+    """
     folder, own = temporary_folder(root), f"{socket.gethostname()}-"
-    os.makedirs(folder, exist_ok=True)
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as e:
+        raise OmnimirrorError(f"cannot write {folder}: {e.strerror or e}") from None
     for name in os.listdir(folder):
         if name.startswith(own):
             process = name.removeprefix(own).partition("-")[0]
@@ -314,6 +337,30 @@ def _is_running(process: int) -> bool:
     except OSError:
         return True
     return True
+
+
+def _glob(pattern: str) -> Iterator[str]:
+    """Yield the matches of a pattern; ``**`` follows links to folders, but not back to themselves."""
+    recursive = re.search(r"(?:^|/)\*\*(?:/|$)", pattern)
+    if recursive is None:
+        yield from glob.iglob(pattern)
+        return
+    base, rest = pattern[: recursive.start()] or "/", pattern[recursive.end() :] or "*"
+    for top in glob.iglob(base):
+        for folder in _folders(top):
+            yield from _glob(os.path.join(glob.escape(folder), rest))
+
+
+def _folders(top: str, parents: tuple[str, ...] = ()) -> Iterator[str]:
+    """Yield a folder and those in it, without hidden ones."""
+    real = os.path.realpath(top)
+    if real in parents:
+        return
+    yield top
+    with suppress(OSError), os.scandir(top) as entries:
+        names = [each.name for each in entries if each.is_dir() and not each.name.startswith(".")]
+        for name in sorted(names):
+            yield from _folders(os.path.join(top, name), (*parents, real))
 
 
 def _local_objects(folder: str) -> Iterator[StoredObject]:
