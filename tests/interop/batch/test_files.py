@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -326,6 +327,11 @@ def test_restoration_with_and_without_views(tmp_path):
         (("[output]", "[output]\nkind = 'zip'"), "output.kind must be one of"),
         (("[output]", "[output]\nformat = 'png'"), "output.format must be one of .png"),
         (("[output]", "[output]\nname = '{x}'"), "output.name must contain only"),
+        (("[output]", "[output]\nname = '{stem.upper}'"), "output.name must contain only"),
+        (("[output]", "[output]\nname = '{stem[a]}'"), "output.name must contain only"),
+        (("[output]", "[output]\nname = '/{stem}'"), "output.name must be a relative name"),
+        (("[output]", "[output]\nname = '../{stem}'"), "output.name must be a relative name"),
+        (("[output]", "[output]\nname = '{stem}/'"), "output.name must be a relative name"),
         (("[inputs]", "[inputs]\ncamera = 'cam'"), "inputs.camera must contain a group"),
         (("[inputs]", "[inputs]\nvideos = ['a.mp4']"), "inputs.videos requires output.kind"),
         ((SENSOR, ""), r"\[\[sensor\]\] is missing"),
@@ -349,6 +355,133 @@ def test_equal_output_names_are_rejected(tmp_path):
     write_archive(tmp_path, 2, "raw/{:d}/a.png")
     with pytest.raises(OmnimirrorError, match="outputs must have different names"):
         om.batch.plan(job_of(tmp_path, output='name = "{stem}-{view}"'))
+
+
+def test_views_with_one_name_are_rejected(tmp_path):
+    """Instead of overwriting one view by the other."""
+    write_archive(tmp_path, 1)
+    with pytest.raises(OmnimirrorError, match=r"0000\.png for view north .* add {view} to output"):
+        om.batch.plan(job_of(tmp_path, output='name = "{stem}"'))
+
+
+def test_empty_output_names_are_rejected(tmp_path):
+    write_archive(tmp_path, 1)
+    with pytest.raises(OmnimirrorError, match=r"output\.name must not be empty; got '\.png' for"):
+        om.batch.plan(job_of(tmp_path, output='name = "{time}"', more=SENSOR + VIEWS))
+
+
+UNUSUAL = ["a b.png", "-x.png", "#.png", "a[1].png", "q?.png", "{x}.png", "new\nline.png", "UP.PNG"]
+
+
+def test_unusual_names(tmp_path):
+    write_archive(tmp_path / "job[1]", 0)
+    folder = tmp_path / "job[1]" / "raw[*]"
+    for number, name in enumerate(UNUSUAL):
+        om.write_image(folder / name, image(number))
+    shutil.copy(folder / "UP.PNG", os.fsencode(folder) + b"/caf\xe9.png")
+    om.write_image(folder / f"{'y' * 240}.png", image(20))
+    job = job_of(tmp_path / "job[1]", 'files = ["raw[*]"]')
+    result = om.batch.run(job, scheduler="threads")
+    assert (result.total, result.done, result.failed) == (20, 18, 2)
+    (message,) = result.errors.values()
+    assert "the name must have at most 255 bytes; got 26" in message
+    names = {name.rpartition("-north-")[0] for name in contents(tmp_path / "job[1]" / "out")}
+    assert names >= {Path(name).stem for name in UNUSUAL} | {"caf\\udce9"}
+    for files in (["raw[[][*]]/a[[]1].png"], ["raw[[][*]]/a*1*.png"], ["raw[*]/a[1].png"]):
+        plan = om.batch.plan(job_of(tmp_path / "job[1]", f"files = {files}"))
+        assert [item.source.url for item in plan.items] == [str(folder / "a[1].png")]
+
+
+def test_links_to_own_folders_are_followed_once(tmp_path):
+    """Instead of 40 times, or without end for two links."""
+    write_archive(tmp_path, 2, "raw/{}/a.png")
+    for name in ("0/up", "1/up", "1/again"):
+        (tmp_path / "raw" / name).symlink_to(tmp_path / "raw", target_is_directory=True)
+    (tmp_path / "raw" / "lost.png").symlink_to(tmp_path / "missing.png")
+    (tmp_path / "raw" / "folder.png").mkdir()
+    plan = om.batch.plan(job_of(tmp_path))
+    assert [item.source.url for item in plan.items] == [
+        str(tmp_path / "raw" / name / "a.png") for name in "01"
+    ]
+    elsewhere = tmp_path / "more"
+    elsewhere.symlink_to(tmp_path / "raw" / "0", target_is_directory=True)
+    plan = om.batch.plan(job_of(tmp_path, 'files = ["more/**/*.png"]'))
+    assert {item.source.url for item in plan.items} == {
+        str(elsewhere / name) for name in ("a.png", "up/1/a.png")
+    }
+
+
+@pytest.mark.parametrize(
+    ("files", "url"), [("raw", "raw/out"), ("./raw/../raw", "raw/out"), ("raw", "raw")]
+)
+def test_outputs_are_no_inputs_of_the_next_run(tmp_path, files, url):
+    write_archive(tmp_path, 2)
+    job = job_of(tmp_path, f'files = ["{files}"]', f'url = "{url}"')
+    for _ in range(2):
+        result = om.batch.run(job, scheduler="threads")
+        assert (result.total, result.done) == (4, 4)
+
+
+def test_status_counts_current_inputs_only(tmp_path):
+    paths = write_archive(tmp_path, 3)
+    paths[0].write_bytes(b"broken")
+    job = job_of(tmp_path)
+    om.batch.run(job, scheduler="threads")
+    for path in paths[:2]:
+        path.unlink()
+    for result in (om.batch.run(job, scheduler="threads"), om.batch.status(job)):
+        assert (result.total, result.done, result.failed, result.pending) == (2, 2, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("rows-x.jsonl", b'{"a": 1}\n'),
+        ("rows-x.jsonl", b"[1]\n"),
+        ("rows-x.jsonl", b"\xff\n"),
+        ("rows-x.parquet", b"PAR1"),
+    ],
+)
+def test_damaged_parts_of_the_manifest_are_named(tmp_path, name, content):
+    write_archive(tmp_path, 1)
+    job = job_of(tmp_path)
+    om.batch.run(job, scheduler="threads")
+    (tmp_path / "out" / "_manifest" / name).write_bytes(content)
+    for function in (om.batch.run, om.batch.status):
+        with pytest.raises(
+            OmnimirrorError, match=f"part {name} of the manifest is damaged; remove"
+        ):
+            function(job)
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"total": 1}', '{"total": "a", "keys": []}'])
+def test_damaged_plan_is_reported(tmp_path, content):
+    write_archive(tmp_path, 1)
+    job = job_of(tmp_path)
+    om.batch.plan(job).write()
+    (tmp_path / "out" / "_manifest" / "plan.json").write_text(content)
+    with pytest.raises(OmnimirrorError, match="there is no plan in"):
+        om.batch.status(job)
+
+
+def test_a_file_in_place_of_the_output_folder_is_reported(tmp_path):
+    write_archive(tmp_path, 1)
+    (tmp_path / "out").write_text("")
+    with pytest.raises(OmnimirrorError, match=r"cannot write .*out/_manifest"):
+        om.batch.run(job_of(tmp_path), scheduler="threads")
+
+
+def test_camera_ids_are_names_of_folders(tmp_path):
+    """Instead of locations outside the output folder; a group without a match is no id."""
+    write_archive(tmp_path, 1, "raw/roof/{}.png")
+    inputs = 'files = ["raw"]\ncamera = "{}"'
+    output = 'name = "{camera}/{stem}-{view}"'
+    plan = om.batch.plan(job_of(tmp_path, inputs.format("raw(/[a-z]+)/"), output))
+    assert plan.items[0].outputs[0].name == "_roof/0-north.png"
+    plan = om.batch.plan(
+        job_of(tmp_path, inputs.format("raw|(roof)"), output='name = "{stem}-{view}"')
+    )
+    assert plan.items[0].source.camera == ""
 
 
 def test_inputs_must_exist(tmp_path):

@@ -37,7 +37,7 @@ def expected(job, number, view="north"):
 
 def shard(path, names, paths):
     """Write images to a tar or zip file."""
-    if path.suffix == ".zip":
+    if path.suffix.lower() == ".zip":
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, file in zip(names, paths, strict=True):
                 archive.write(file, name)
@@ -94,6 +94,87 @@ def test_compressed_shard_damaged_after_planning_is_reported(tmp_path):
     with pytest.raises(MediaError, match=r"cannot read .*a\.tar\.gz!1\.png"):
         reader.data(second)
     reader.close()
+
+
+@pytest.mark.parametrize("suffix", [".tar", ".TGZ", ".ZIP"])
+def test_members_with_names_outside_their_folder(tmp_path, suffix):
+    paths = write_archive(tmp_path, 3)
+    shard(tmp_path / f"a{suffix}", ["../../x.png", "/y.png", "z/./z.png"], paths)
+    job = job_of(tmp_path, f'shards = ["a{suffix}"]', 'name = "{folder}{stem}-{view}"')
+    plan = om.batch.plan(job)
+    assert [item.outputs[0].name for item in plan.items] == [
+        "a/x-north.png",
+        "a/y-north.png",
+        "a/z/z-north.png",
+    ]
+    assert om.batch.run(job, scheduler="threads").done == 6
+
+
+def test_samples_of_equal_stems_have_different_keys(tmp_path):
+    """Readers of WebDataset would join a.png and a.jpg to one sample."""
+    write_archive(tmp_path, 1)
+    for name in ("a.png", "a.jpg", "b.c.png", "b_c.png"):
+        om.write_image(tmp_path / "raw" / name, image(1))
+    om.batch.run(job_of(tmp_path, output='kind = "webdataset"'), scheduler="threads")
+    (path,) = (tmp_path / "out").glob("*.tar")
+    with tarfile.open(path) as tar:
+        names = tar.getnames()
+    assert len(names) == len(set(names)) == 15
+    keys = {name.partition(".")[0] for name in names}
+    assert len(keys) == 5
+    assert "0000" in keys
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", "path\n" + 200_000 * "a", "must be a CSV or Parquet table: field larger than"),
+        ("a.csv", "path,time\na.png,0001-01-01T00:00:00+14:00", "row 1: time must be ISO 8601"),
+        ("a.csv", "path,time\na.png,9999-12-31T23:00:00-02:00", "row 1: time must be ISO 8601"),
+        ("a.csv", "path\n", "inputs must contain at least one image; got none"),
+        ("a.PARQUET", "path\na.png", "must be a Parquet table"),
+    ],
+)
+def test_invalid_tables_are_rejected(tmp_path, name, content, message):
+    write_archive(tmp_path, 1)
+    (tmp_path / name).write_text(content)
+    with pytest.raises(OmnimirrorError, match=message):
+        om.batch.plan(job_of(tmp_path, f'table = "{name}"'))
+
+
+def test_names_with_null_characters_are_recorded(tmp_path):
+    write_archive(tmp_path, 1)
+    (tmp_path / "a.csv").write_bytes(b"path\nraw/\0.png\nraw/0000.png\n")
+    result = om.batch.run(job_of(tmp_path, 'table = "a.csv"'), scheduler="threads")
+    assert (result.done, result.failed) == (2, 2)
+    assert "must not contain null characters" in next(iter(result.errors.values()))
+
+
+def test_camera_ids_of_a_column_with_gaps(tmp_path):
+    """Pandas stores integers with gaps as real numbers."""
+    write_archive(tmp_path, 2)
+    table = pa.table({"path": ["raw/0000.png", "raw/0001.png"], "camera": [7.0, float("nan")]})
+    pq.write_table(table, tmp_path / "a.parquet")
+    inputs = list_inputs(job_of(tmp_path, 'table = "a.parquet"'))
+    assert [each.camera for each in inputs] == ["7", ""]
+
+
+@pytest.mark.parametrize("form", ["%Y%m%Y", "%Y%", "%q", "year"])
+def test_invalid_time_formats_are_rejected(tmp_path, form):
+    write_archive(tmp_path, 1)
+    with pytest.raises(
+        OmnimirrorError, match=r"inputs\.time must contain fields .* each once; got"
+    ):
+        om.batch.plan(job_of(tmp_path, f'files = ["raw"]\ntime = "{form}"'))
+
+
+@pytest.mark.parametrize("kind", ["float64", "int16", "bool"])
+def test_arrays_of_other_types_are_recorded(tmp_path, kind):
+    write_archive(tmp_path, 0)
+    zarr.create_array(tmp_path / "a.zarr", data=np.zeros((1, 48, 64), kind))
+    result = om.batch.run(job_of(tmp_path, 'arrays = ["a.zarr"]'), scheduler="threads")
+    (message,) = result.errors.values()
+    assert message.endswith(f"must have uint8, uint16, float32 values; got {kind}")
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
@@ -201,6 +282,25 @@ def test_zarr_outputs_open_with_xarray(tmp_path):
     assert numbers == [6]
     array = zarr.open_array(tmp_path / "out" / "images.zarr" / "north", mode="r")
     np.testing.assert_array_equal(array[7], expected(job, 7))
+
+
+def test_removed_inputs_are_removed_from_arrays(tmp_path):
+    """Instead of remaining valid at the end of the time series."""
+    paths = write_archive(tmp_path, 7, "raw/20240601_12{:02d}00.png")
+    job = job_of(tmp_path, 'files = ["raw"]\ntime = "%Y%m%d_%H%M%S"', 'kind = "zarr"\nchunk = 3')
+    om.batch.run(job, scheduler="threads")
+    om.write_image(tmp_path / "raw" / "20240601_115900.png", image(9))
+    for numbers in ((9, 0, 1, 2, 4), (9, 0, 1)):
+        for number in {*range(7)} - {*numbers}:
+            paths[number].unlink(missing_ok=True)
+        result = om.batch.run(job, scheduler="threads")
+        assert (result.total, result.done) == (2 * len(numbers), 2 * len(numbers))
+        with xarray.open_zarr(tmp_path / "out" / "images.zarr", consolidated=False) as data:
+            assert data.valid.values.tolist() == [True] * len(numbers)
+            assert np.all(np.diff(data.time.values) > np.timedelta64(0))
+            for index, number in enumerate(numbers):
+                frame = data.north.isel(time=index).values
+                np.testing.assert_array_equal(frame, expected(job, number))
 
 
 def test_zarr_outputs_have_a_group_per_camera(tmp_path):
