@@ -340,6 +340,10 @@ def test_restoration_with_and_without_views(tmp_path):
             ('file = "camera.toml"', 'file = "camera.toml"\nsince = 2024-01-01'),
             "require inputs.time",
         ),
+        (
+            (SENSOR, SENSOR + "since = 2024-03-01\nuntil = 2024-03-01\n"),
+            r"sensor\.0\.until must be after since; got 2024-03-01 and 2024-03-01",
+        ),
         (("size = [24, 16]", "sise = [24, 16]"), "did you mean size"),
     ],
 )

@@ -368,6 +368,14 @@ def parse_job(
     return job
 
 
+def _check_period(rule: SensorRule, number: int) -> None:
+    since, until = _timestamp(rule.since), _timestamp(rule.until)
+    if since is not None and until is not None and since >= until:
+        raise SpecError(
+            f"sensor.{number}.until must be after since; got {rule.until} and {rule.since}"
+        )
+
+
 def _view(name: str, table: Any) -> NamedView:
     if not isinstance(table, dict):
         raise InvalidParameter(f"view.{name} must be a table [view.{name}]")
@@ -418,6 +426,8 @@ def _check(job: BatchJob) -> None:
             raise SpecError(
                 f"inputs.camera must contain a group, such as 'cam-(\\d+)'; got {inputs.camera!r}"
             )
+    for number, each in enumerate(job.sensors):
+        _check_period(each.rule, number)
     dated = [each.rule for each in job.sensors if each.rule.since or each.rule.until]
     if dated and inputs.time is None and inputs.table is None:
         raise SpecError("sensor.since and sensor.until require inputs.time or a table with time")
