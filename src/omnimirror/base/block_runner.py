@@ -31,6 +31,7 @@ from itertools import islice
 from typing import Any, Generic, Protocol, TypeVar
 
 from . import interrupts
+from .arguments import format_value
 from .errors import InvalidParameter, OmnimirrorError, extra_remedy
 from .native import backend, usable_cores
 from .worker_processes import WorkerDied, WorkerPool
@@ -368,6 +369,16 @@ def workers_in_processes(count: int | None = None) -> Iterator[BlockWorkers]:
     yield from _closing(BlockWorkers(WorkerPool(count), count))
 
 
+def check_scheduler(scheduler: str, *names: str) -> None:
+    """Raise an error unless a scheduler is one of several names or the address of a Dask cluster."""
+    valid = (*names, LOCAL_CLUSTER)
+    if scheduler not in valid and ":" not in scheduler:
+        raise InvalidParameter(
+            f"scheduler must be {', '.join(valid)} or the address of a Dask scheduler, such as "
+            f"tcp://127.0.0.1:8786; got {format_value(scheduler)}"
+        )
+
+
 @contextmanager
 def workers_on_cluster(
     address: str, count: int | None = None, *, noun: str = "outputs", reconnect_s: float = 0.0
@@ -383,6 +394,7 @@ def workers_on_cluster(
     OmnimirrorError
         If distributed is not installed, or the scheduler does not respond or has no workers.
     """
+    check_scheduler(address)
     log = logging.getLogger("distributed")
     before = log.level
     log.setLevel(logging.CRITICAL)

@@ -488,6 +488,14 @@ def test_camera_ids_are_names_of_folders(tmp_path):
     assert plan.items[0].source.camera == ""
 
 
+@pytest.mark.parametrize("scheduler", ["process", "", "127.0.0.1"])
+def test_unknown_schedulers_are_rejected_at_once(tmp_path, scheduler):
+    write_archive(tmp_path, 1)
+    message = "scheduler must be processes, threads, local or the address .*; got "
+    with pytest.raises(OmnimirrorError, match=message):
+        om.batch.run(job_of(tmp_path), scheduler=scheduler)
+
+
 def test_inputs_must_exist(tmp_path):
     write_archive(tmp_path, 1)
     with pytest.raises(OmnimirrorError, match=r"inputs\.files must match images; got none"):

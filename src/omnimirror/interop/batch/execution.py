@@ -17,6 +17,7 @@ from ...base.block_runner import (
     WHOLE,
     BlockWorkers,
     check_part,
+    check_scheduler,
     run_blocks,
     workers_in_processes,
     workers_in_threads,
@@ -37,6 +38,8 @@ RATE_PERIOD_S = 60.0
 """Period over which the rate is measured, s."""
 MAX_ERRORS = 50
 """Maximum number of error messages in a status."""
+
+
 PROCESSES, THREADS = "processes", "threads"
 
 
@@ -202,6 +205,7 @@ def run(
     """
     job = _job(job)
     check_part(part)
+    check_scheduler(scheduler, PROCESSES, THREADS)
     store = job.store()
     if not store.is_remote:
         remove_leftovers(store.root)
