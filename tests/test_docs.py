@@ -482,3 +482,14 @@ def test_gallery_thumbnails_lead_to_examples():
         assert (page.parent / image).is_file()
         assert anchor in headings(page)
         assert f"### {name}\n" in text
+
+
+QUALIFIED_NAME = re.compile(r"`(?:om\.|omnimirror\.)?([a-z_]+(?:\.[a-z_]+)+)\.([A-Z]\w*)`")
+
+
+def test_qualified_names_exist():
+    """Names of modules in tables and text, which no example executes."""
+    names = {match for page in PAGES for match in QUALIFIED_NAME.findall(page.read_text())}
+    assert ("io.video_reader", "VideoReader") in names
+    for module, name in names:
+        assert hasattr(import_module(f"omnimirror.{module}"), name), (module, name)

@@ -521,6 +521,16 @@ def test_part_outside_video_raises(clip, start, duration):
         ),
         (
             "a.mp4",
+            {"crf": -1},
+            "crf must be between 0 and 63; got -1",
+        ),
+        (
+            "a.webm",
+            {"crf": 64},
+            "crf must be between 0 and 63; got 64",
+        ),
+        (
+            "a.mp4",
             {"options": {"colour": "1"}},
             "options must be supported by the encoder libx264; got 'colour'",
         ),

@@ -388,6 +388,10 @@ class Encoder:
         )
 
 
+MAX_CRF = 63
+"""Largest constant rate factor of AV1 and VP9; H.264 and H.265 use 51 for larger ones."""
+
+
 def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[str, str]:
     """Return the options of the encoder after checking that it has them all."""
     try:
@@ -406,6 +410,8 @@ def _options(codec: str, crf: int | None, options: Mapping[str, str]) -> dict[st
         option.name
         for option in (*context.supported_options.generic, *context.supported_options.private)
     }
+    if crf is not None and not 0 <= crf <= MAX_CRF:
+        raise InvalidParameter(f"crf must be between 0 and {MAX_CRF}; got {crf}")
     encoder_options = {**({} if crf is None else {"crf": str(crf)}), **options}
     for name in encoder_options:
         if name not in supported:

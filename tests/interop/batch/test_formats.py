@@ -350,6 +350,18 @@ def test_videos_are_split_at_key_frames(tmp_path):
     assert whole.outcome.frames == sum(frames)
 
 
+@pytest.mark.parametrize("content", [b"", b"no video", b"\0\0\0\x18ftypisom" + bytes(40)])
+def test_damaged_videos_are_recorded(tmp_path, content):
+    write_archive(tmp_path, 0)
+    (tmp_path / "a.mp4").write_bytes(content)
+    with pytest.raises(MediaError, match=r"cannot read the video .*a\.mp4"):
+        key_frame_times(str(tmp_path / "a.mp4"), 1.0)
+    job = job_of(tmp_path, 'videos = ["*.mp4"]', 'kind = "video"\nformat = ".mkv"')
+    result = om.batch.run(job, scheduler="threads")
+    assert (result.total, result.done, result.failed) == (2, 0, 2)
+    assert all("a.mp4" in message for message in result.errors.values())
+
+
 def test_videos_of_images(tmp_path):
     paths = write_archive(tmp_path, 7)
     paths[5].write_bytes(b"broken")

@@ -369,11 +369,16 @@ def _indices(job: BatchJob, name: str) -> Iterator[BatchInput]:
 
 
 def _segments(job: BatchJob, pattern: str) -> Iterator[BatchInput]:
-    """Yield segments of videos that start at key frames."""
+    """Yield segments of videos that start at key frames; a damaged video is one segment, whose error
+    is recorded when it is processed.
+    """
     for video in _matches(job, pattern):
         if is_remote(video.url):
             raise MediaError(f"inputs.videos must be local files; got {video.url}; download it")
-        starts = key_frame_times(video.url, job.inputs.segment_s)
+        try:
+            starts = key_frame_times(video.url, job.inputs.segment_s)
+        except MediaError:
+            starts = [0.0]
         for start, end in zip(starts, [*starts[1:], math.inf], strict=True):
             duration = 0.0 if end == math.inf else round(end - start, 6)
             yield BatchInput(
@@ -407,7 +412,7 @@ def key_frame_times(path: str, min_duration_s: float) -> list[float]:
                 for packet in container.demux(stream)
                 if packet.is_keyframe and packet.pts is not None
             )
-    except (OSError, IndexError) as e:  # FFmpegError is an OSError
+    except (OSError, IndexError, av.FFmpegError) as e:
         raise MediaError(f"cannot read the video {path}: {e}") from None
     starts = [0.0]
     for time in times:
