@@ -484,7 +484,7 @@ def test_gallery_thumbnails_lead_to_examples():
         assert f"### {name}\n" in text
 
 
-QUALIFIED_NAME = re.compile(r"`(?:om\.|omnimirror\.)?([a-z_]+(?:\.[a-z_]+)+)\.([A-Z]\w*)`")
+QUALIFIED_NAME = re.compile(r"`(?!om\.)(?:omnimirror\.)?([a-z_]+(?:\.[a-z_]+)+)\.([A-Z]\w*)`")
 
 
 def test_qualified_names_exist():
