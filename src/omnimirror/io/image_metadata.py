@@ -41,7 +41,7 @@ TYPE_SIZES = {
 MAX_ENTRIES = 1000
 
 
-F_NUMBER, SUBJECT_DISTANCE = 0x829D, 0x9206
+F_NUMBER, APERTURE, SUBJECT_DISTANCE = 0x829D, 0x9202, 0x9206
 """Aperture, and distance of the plane in focus in metres."""
 INFINITE = 0xFFFFFFFF
 NUMBERS = {3: "<H", 4: "<I", 5: "<II", 10: "<ii", 11: "<f", 12: "<d"}
@@ -104,9 +104,16 @@ def exposure_of(exif: Exif | None) -> Exposure:
     """
     if exif is None:
         return Exposure()
-    f_number, metres = (_number(exif.exposure.get(tag)) for tag in (F_NUMBER, SUBJECT_DISTANCE))
+    f_number, aperture, metres = (
+        _number(exif.exposure.get(tag)) for tag in (F_NUMBER, APERTURE, SUBJECT_DISTANCE)
+    )
+    if f_number is None and aperture is not None and aperture < MAX_APERTURE:
+        f_number = 2.0 ** (aperture / 2)  # APEX value, EXIF 2.32, annex C
     finite = f_number if f_number is not None and f_number != float("inf") else None
     return Exposure(finite, None if metres is None else 1000 * metres)
+
+
+MAX_APERTURE = 20.0  # F/1024
 
 
 def _number(entry: Entry | None) -> float | None:

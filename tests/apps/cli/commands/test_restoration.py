@@ -210,6 +210,7 @@ def test_reduced_restoration_is_reported(small, tmp_path):
         ((80, 10), 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"),
         ((28, 10), 0, "EXIF has F/2.8, the sensor F/4: the blur of the sensor is assumed"),
         (8.0, 0, "EXIF has F/8, the sensor F/4"),
+        ("APEX", 0, "EXIF has F/8, the sensor F/4: 50 % of the blur is assumed"),
         ((0, 1), 5, "EXIF has a focus distance of 5000 mm"),
     ],
 )
@@ -218,7 +219,10 @@ def test_different_exif_reduces_assumed_blur(f_number, metres, message):
     sensor = om.load_sensor("paper-hyperboloidal")
     exif = Image.Exif()
     details = exif.get_ifd(0x8769)
-    details[0x829D] = f_number if isinstance(f_number, float) else IFDRational(*f_number)
+    if f_number == "APEX":
+        details[0x829D], details[0x9202], f_number = IFDRational(0, 1), IFDRational(6, 1), (80, 10)
+    else:
+        details[0x829D] = f_number if isinstance(f_number, float) else IFDRational(*f_number)
     if metres:
         details[0x9206] = IFDRational(metres, 1)
     exposure = exposure_of(parse_exif(exif.tobytes().removeprefix(b"Exif\0\0")))
