@@ -284,6 +284,10 @@ def test_compressed_data_is_limited():
     packed = zlib.compress(bytes(1000))
     assert decompress(packed, 2000) == bytes(1000)
     assert decompress(packed, 1000) == decompress(gzip.compress(bytes(1000)), 1000) == bytes(1000)
+    parts = gzip.compress(b"a" * 600) + gzip.compress(b"b" * 400)
+    assert decompress(parts, 1000) == decompress(parts + bytes(9), 1000) == 600 * b"a" + 400 * b"b"
+    with pytest.raises(ValueError, match="the content must be"):
+        decompress(parts, 999)
     for data, limit, reason in [
         (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
         (packed[:-5], 1000, "truncated data"),

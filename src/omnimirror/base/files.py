@@ -441,8 +441,11 @@ def _size_limit(max_bytes: int, size: int | None = None) -> str:
 # -- Parsing --------------------------------------------------------------------------------------
 
 
+GZIP_MAGIC = b"\x1f\x8b"
+
+
 def decompress(data: bytes, max_bytes: int) -> bytes:
-    """Decompress a zlib or gzip stream to at most ``max_bytes`` bytes.
+    """Decompress a zlib stream, or all consecutive gzip streams, to at most ``max_bytes`` bytes.
 
     >>> decompress(zlib.compress(bytes(5)), 5)
     b'\\x00\\x00\\x00\\x00\\x00'
@@ -452,16 +455,20 @@ def decompress(data: bytes, max_bytes: int) -> bytes:
     ValueError
         If the stream is damaged or truncated, or exceeds the limit.
     """
-    stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: detect zlib or gzip from the header
-    try:
-        content = stream.decompress(data, max_bytes + 1)
-    except zlib.error as e:
-        raise ValueError(f"damaged data: {e}") from None
-    if len(content) > max_bytes:
-        raise ValueError(f"the content must be {_size_limit(max_bytes)}")
-    if not stream.eof:
-        raise ValueError("truncated data")
-    return content
+    content = b""
+    while True:
+        stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: detect zlib or gzip from the header
+        try:
+            content += stream.decompress(data, max_bytes + 1 - len(content))
+        except zlib.error as e:
+            raise ValueError(f"damaged data: {e}") from None
+        if len(content) > max_bytes:
+            raise ValueError(f"the content must be {_size_limit(max_bytes)}")
+        if not stream.eof:
+            raise ValueError("truncated data")
+        data = stream.unused_data
+        if not data.startswith(GZIP_MAGIC):
+            return content
 
 
 def parse_json(text: str | bytes) -> Any:

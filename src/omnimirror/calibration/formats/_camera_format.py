@@ -15,6 +15,7 @@ from ...base.arguments import format_value, parse_float
 from ...base.caching import cached_property
 from ...base.errors import SpecError
 from ...base.files import (
+    GZIP_MAGIC,
     MAX_TEXT_BYTES,
     compose_yaml,
     decompress,
@@ -350,7 +351,6 @@ def _is_number(word: str) -> bool:
 # reversed. For a flipped mirror image it is (-X, Y, -Z), right-handed again.
 
 Content = str | bytes
-GZIP = b"\x1f\x8b"
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 RELATIVE_ROUNDING = 1e-9  # relative to a typical parameter change: rounding of a fit
 NEUTRAL_VALUES = {"c": 1.0}  # neutral values other than 0: OCamCalib's stretch
@@ -450,7 +450,7 @@ class CameraFile:
         SpecError
             If the compressed content is damaged or too large.
         """
-        if data.startswith(GZIP):
+        if data.startswith(GZIP_MAGIC):
             try:
                 data = decompress(data, MAX_TEXT_BYTES)
             except ValueError as problem:
