@@ -451,7 +451,7 @@ def _check_template(template: str) -> None:
         )
     if "\0" in name or any(part in ("", ".", "..") for part in name.split("/")):
         raise SpecError(
-            f"output.name must be a relative name without empty parts and ..; got {template!r}"
+            f"output.name must be a relative name without empty or parent folders; got {template!r}"
         )
 
 
