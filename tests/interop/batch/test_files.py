@@ -246,7 +246,7 @@ def test_killed_runs_lose_and_repeat_nothing(tmp_path, kills):
             [sys.executable, "-c", KILLED, tmp_path], cwd=ROOT, start_new_session=True
         )
         aim = (number + 1) * 2 * count // (kills + 2)
-        end = time.monotonic() + 120
+        end = time.monotonic() + 600
         while len(list(out.rglob("*.png"))) < aim and run.poll() is None:
             assert time.monotonic() < end
             time.sleep(0.02)
@@ -263,13 +263,9 @@ def test_killed_runs_lose_and_repeat_nothing(tmp_path, kills):
     status = om.batch.run(job_of(tmp_path), scheduler="processes")
     assert (status.done, status.failed, status.total) == (2 * count, 0, 2 * count)
     assert contents(out) == contents(tmp_path / "whole")
-    assert not [p for p in (out / "_manifest" / "_temporary").iterdir() if _is_own_leftover(p)]
+    assert list((out / "_manifest" / "_temporary").iterdir()) == []
     rows = pq.read_table(out / "manifest.parquet").to_pylist()
     assert len({(row["input"], row["view"]) for row in rows}) == len(rows) == 2 * count
-
-
-def _is_own_leftover(path):
-    return not path.exists()
 
 
 def test_sensor_rules_select_by_camera_and_mounting_date(tmp_path):

@@ -38,8 +38,6 @@ RATE_PERIOD_S = 60.0
 """Period over which the rate is measured, s."""
 MAX_ERRORS = 50
 """Maximum number of error messages in a status."""
-
-
 PROCESSES, THREADS = "processes", "threads"
 
 
