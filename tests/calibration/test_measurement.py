@@ -48,6 +48,15 @@ def test_distance_is_that_of_scene_points(plane):
     assert result.angle_sigma_deg is None
 
 
+def test_folded_sensors_are_measured_without_uncertainty():
+    """A camera with a secondary mirror has no parameters, which only uncertainties require."""
+    folded = om.load_sensor("folded-spherical")
+    points = np.array([[900.0, 200.0, -HEIGHT], [500.0, -100.0, -HEIGHT]])
+    result = om.measure(folded, folded.project(points).pixels, height_mm=HEIGHT)
+    assert result.distance_mm == pytest.approx(500.0, abs=0.01)
+    assert result.distance_sigma_mm is None
+
+
 @pytest.mark.parametrize("angle", [1e-3, 40.0, 179.0])
 def test_angle_is_that_of_directions(angle):
     pans = np.radians([10.0, 10.0 + angle])

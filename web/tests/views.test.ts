@@ -1,6 +1,6 @@
 /** Targets of view pixels compared with Python (fixtures/make.py). */
 import { describe, expect, test } from "vitest";
-import { aspectOf, targetIn, viewOf } from "../src/look/geometry/views";
+import { aspectOf, pixelIn, positionOf, targetIn, viewOf } from "../src/look/geometry/views";
 import { INITIAL, type State } from "../src/shared/state";
 import views from "./fixtures/views.json";
 import { between, given } from "./tables";
@@ -60,4 +60,35 @@ test("nothing lies beside a view", () => {
   expect(targetIn(view, 99, 49)).not.toBeNull();
   expect(targetIn(view, 100, 20)).toBeNull();
   expect(targetIn(view, 20, -1)).toBeNull();
+});
+
+describe.each(["sphere", "ball", "decentred"] as const)("image pixels of %s", (name) => {
+  const { camera } = given(name);
+  const modes = ["panorama", "perspective", "dome", "planet", "ground", "mosaic"] as const;
+
+  test.each(modes.flatMap((mode) => [Infinity, 700].map((distance) => [mode, distance] as const)))(
+    "are displayed where they are picked: %s, %d mm",
+    (mode, distance) => {
+      const state = { ...INITIAL, mode, distance, pan: 30, tilt: -20, hfov: 70 };
+      const view = viewOf(state, camera, 300, 200);
+      let count = 0;
+      for (let u = 5; u < view.width; u += 29)
+        for (let v = 5; v < view.height; v += 23) {
+          const pixel = pixelIn(view, camera, u, v);
+          const isInside = [-4, 4].every(
+            (d) => pixelIn(view, camera, u + d, v) && pixelIn(view, camera, u, v + d),
+          );
+          if (!pixel || !isInside) continue;
+          const result = positionOf(view, camera, pixel);
+          // a mosaic displays objects twice
+          const again = result && pixelIn(view, camera, ...result);
+          expect(again, `${u}, ${v}`).not.toBeNull();
+          expect(Math.hypot(again![0] - pixel[0], again![1] - pixel[1])).toBeLessThan(0.05);
+          if (mode === "mosaic") continue;
+          expect(Math.hypot(result![0] - u, result![1] - v), `${u}, ${v}`).toBeLessThan(0.5);
+          count++;
+        }
+      if (mode !== "mosaic") expect(count).toBeGreaterThan(10);
+    },
+  );
 });

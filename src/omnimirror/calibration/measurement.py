@@ -20,7 +20,6 @@ from ..cameras.models.camera_model import (
     within_field,
 )
 from ..optics.sensor import Sensor
-from .sensor_model import SensorModel
 from .uncertainty import MAX_FLOOR_DISTANCE, MAX_HEIGHT_MM, uncertain_model
 
 
@@ -139,27 +138,25 @@ def measure(
             ("pixel_sigma_px", pixel_sigma_px, 1e6, "px"),
         )
     )
+    optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
     is_calibrated = covariance is not None or camera.uncertainty is not None
-    if is_calibrated:
-        model, matrix, field = uncertain_model(camera, covariance, field_deg)
-    else:
-        model = SensorModel(camera) if isinstance(camera, Sensor) else camera
-        matrix, field = np.zeros((len(model.parameters),) * 2), None
-        optional_number("field_deg", field_deg, above=0.0, high=180.0, unit="deg")
-    rays = model.backproject(points)
+    uncertain = uncertain_model(camera, covariance, field_deg) if is_calibrated else None
+    rays = camera.backproject(points)
     for pixel, is_valid in zip(points, rays.valid, strict=True):
         if not is_valid:
             raise InvalidParameter(
                 f"pixels must be inside the field of view; got ({pixel[0]:g}, {pixel[1]:g})"
             )
-    world = model.mount.rotation()
+    world = camera.mount.rotation()
     to_camera = rotate_vectors(rays.directions, world)
-    is_known = is_calibrated and bool(within_field(model, to_camera, field).all())
+    if uncertain and not within_field(uncertain.model, to_camera, uncertain.field_deg).all():
+        uncertain = None
 
     def sigma(gradients: Array, targets: Array, axes: Array, *, distant: bool) -> float | None:
         """Return the uncertainty of a quantity with given gradients (2, 3) at the two targets."""
-        if not is_known:
+        if uncertain is None:
             return None
+        model, matrix, _ = uncertain
         local = rotate_vectors(axes.transpose(0, 2, 1), world).transpose(0, 2, 1)
         changes = target_changes(model, rotate_vectors(targets, world), local, distant=distant)
         along = np.einsum("ni,nij->nj", gradients, axes)

@@ -43,6 +43,20 @@ def show_all_views(page, folder) -> None:
     page.wait_for_function("window.omnimirror.look.layout.places.length === 5")
 
 
+def measure_points(page, folder) -> None:
+    page.locator("#measure").click()
+    for _ in range(2):
+        page.locator("#measure-add").click()
+    page.locator("#measure-plane").select_option("wall")
+    page.locator("#measured", has_text="Angle").wait_for()
+
+
+def drag_horizon(page, folder) -> None:
+    page.locator("#measure-done").click()
+    page.locator("#level").click()
+    page.wait_for_selector("#horizon:visible")
+
+
 def show_help(page, folder) -> None:
     page.locator("aside .glossary summary").click()
     page.get_by_role("button", name="Project").click()
@@ -80,6 +94,8 @@ STATES = (
     select_mirror_type,
     show_side_by_side,
     show_all_views,
+    measure_points,
+    drag_horizon,
     show_help,
     open_design,
     compare_designs,

@@ -117,6 +117,28 @@ def test_dragging_horizon_levels_tilted_sensor(page):
     page.wait_for_selector("#horizon", state="hidden")
 
 
+def test_cancel_restores_tilt_before_dragging(page):
+    """Dragging by 8 deg is confirmed, then repeated and cancelled."""
+    bar = page.get_by_role("region", name="Level")
+    for end in ("Done", "Cancel"):
+        page.get_by_role("button", name="Drag horizon").click()
+        page.wait_for_selector("#horizon:visible")
+        before = page.evaluate("window.omnimirror.store.state.pitch")
+        page.mouse.move(*screen_position(page, 0.0, -12.0))
+        page.mouse.down()
+        page.mouse.move(*screen_position(page, 0.0, -4.0))
+        page.mouse.up()
+        page.wait_for_function("(p) => window.omnimirror.store.state.pitch !== p", arg=before)
+        bar.get_by_text("Pitch ").wait_for()
+        bar.get_by_role("button", name=end).click()
+        bar.wait_for(state="hidden")
+        page.wait_for_selector("#horizon", state="hidden")
+    page.wait_for_function("(p) => window.omnimirror.store.state.pitch === p", arg=before)
+    assert before == pytest.approx(8.0, abs=0.7)
+    wait_for_tilt(page)
+    assert mount_of(page)[0] == before
+
+
 def test_horizon_line_is_at_horizon(page):
     page.get_by_role("button", name="Drag horizon").click()
     set_state(page, mode="perspective", tilt=10.0, hfov=60.0)

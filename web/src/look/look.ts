@@ -17,11 +17,13 @@ import { CameraQuestion, type Thumbnail } from "./panels/camera_question";
 import { Gestures } from "./panels/gestures";
 import { GyroscopePanel } from "./panels/gyroscope";
 import { LevelPanel } from "./panels/level";
+import { MeasurePanel } from "./panels/measure";
 import { hasSize, RimPanel } from "./panels/rim";
 import { SensorPanel } from "./panels/sensor";
 import { bindSliders } from "./panels/sliders";
 import { KINDS, ViewsPanel } from "./panels/views";
 import { DisplayPanel } from "./panels/display";
+import { endMode } from "./panels/view_mode";
 import { RestorationPanel } from "./panels/restoration";
 import { Sources } from "./sources";
 import { type Layout, layOut, type Place } from "./stage";
@@ -40,6 +42,7 @@ export class Look {
   private readonly circle: CirclePane;
   private readonly rim: RimPanel;
   private readonly level: LevelPanel;
+  private readonly measure: MeasurePanel;
   private readonly recorder: Recorder;
   private readonly views: ViewsPanel;
   private readonly first: CameraQuestion;
@@ -77,7 +80,10 @@ export class Look {
       take: (source) => this.additional.take(source),
       give: (source, feed) => this.additional.give(source, feed),
       opened: (feed) => background(this.first.look(feed)),
-      closed: () => this.rim.close(),
+      closed: () => {
+        this.rim.cancelSearch();
+        endMode();
+      },
       calibrated: (file, name) => this.sensor.load(file, name),
     });
     this.additional = new AdditionalImages({
@@ -99,6 +105,7 @@ export class Look {
       () => this.sensor,
       () => this.refresh(),
     );
+    this.measure = new MeasurePanel(store, this.canvas, () => this.refresh());
     this.recorder = new Recorder(this.canvas, () => this.refresh());
     new Toolbar(store, {
       sources: this.sources,
@@ -225,6 +232,10 @@ export class Look {
     put("command-line", this.command(this.place));
     this.level.follow(camera, this.feed);
     this.level.show(camera, this.canvas, this.place);
+    this.measure.show(
+      this.place,
+      places.map(({ cameraFeed }) => cameraFeed?.feed),
+    );
     this.views.label(places, this.canvas, (s) => this.additional.doubt(s));
     this.showFiles(camera, this.feed);
     this.showDoubt(camera, this.feed);

@@ -15,6 +15,8 @@ import type {
   ErrorSourcesRequest,
   ErrorSourceList,
   LevelRequest,
+  MeasurementResult,
+  MeasureRequest,
   EstimatedTilt,
   ImportedFile,
   RenderRequest,
@@ -115,6 +117,8 @@ export async function outline(
 }
 export const level = (request: LevelRequest, image: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(request, image) }));
+export const measure = (request: MeasureRequest): Promise<MeasurementResult> =>
+  json(posted("api/measure", request));
 /** Return the restored image, and a note on the removed blur. */
 export async function restored(
   request: RestoreRequest,

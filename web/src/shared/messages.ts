@@ -463,6 +463,34 @@ export interface LevelRequest {
   name: string;
 }
 
+/** Measurement request: two pixels of an image, and the plane of their points. */
+export interface MeasureRequest {
+  id: string;
+  mount: MountInfo;
+  image_size: [number, number];
+  centre_px: [number, number];
+  rim_radius_px: number;
+  /** whether the image circle was fitted to the image; the uncertainty of the camera file does not apply to it */
+  is_fitted: boolean;
+  pixels: [[number, number], [number, number]];
+  /** height above the floor, or minus the depth below the ceiling; null: neither */
+  height_mm: number | null;
+  /** distance from the wall; null: no wall */
+  wall_mm: number | null;
+  wall_pan_deg: number;
+  plane_sigma_mm: number;
+  plane_sigma_deg: number;
+  pixel_sigma_px: number;
+}
+
+/** Measured angle and distance with standard uncertainties; null if unknown. */
+export interface MeasurementResult {
+  angle_deg: number;
+  angle_sigma_deg: number | null;
+  distance_mm: number | null;
+  distance_sigma_mm: number | null;
+}
+
 /** Camera model of the model comparison. */
 export interface ModelComparisonRow {
   kind: string;

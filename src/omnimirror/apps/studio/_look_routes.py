@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -48,6 +49,8 @@ from .look_messages import (
     CameraRequest,
     EstimatedTilt,
     LevelRequest,
+    MeasurementResult,
+    MeasureRequest,
     PageStart,
     RestoreRequest,
     SensorEntry,
@@ -94,6 +97,39 @@ def estimate_tilt(
         sigma_deg=level.sigma_deg,
         vertical_edges=level.upright,
         is_reliable=level.is_reliable,
+    )
+
+
+def measure_points(cameras: Cameras, message: MeasureRequest) -> MeasurementResult:
+    """Measure the angle and distance of two pixels.
+
+    Raises
+    ------
+    OmnimirrorError
+        If a pixel is outside the field of view, or its ray does not reach the plane.
+    """
+    from ...calibration.measurement import measure
+
+    camera = (
+        replace(cameras.with_circle(message), uncertainty=None)
+        if message.is_fitted
+        else cameras.find(message.id).standing(Mount(**message.mount.model_dump()))
+    )
+    result = measure(
+        camera,
+        message.pixels,
+        height_mm=message.height_mm,
+        wall_mm=message.wall_mm,
+        wall_pan_deg=message.wall_pan_deg,
+        plane_sigma_mm=message.plane_sigma_mm,
+        plane_sigma_deg=message.plane_sigma_deg,
+        pixel_sigma_px=message.pixel_sigma_px,
+    )
+    return MeasurementResult(
+        angle_deg=result.angle_deg,
+        angle_sigma_deg=result.angle_sigma_deg,
+        distance_mm=result.distance_mm,
+        distance_sigma_mm=result.distance_sigma_mm,
     )
 
 
@@ -153,6 +189,7 @@ def add_look(app: FastAPI, studio: Studio) -> None:
     _add_start(app, studio)
     _add_cameras(app, studio.cameras)
     _add_files(app, studio.cameras)
+    _add_measurement(app, studio.cameras)
     _add_images(app, studio)
     _add_streams(app, studio)
 
@@ -207,6 +244,14 @@ def _add_files(app: FastAPI, cameras: Cameras) -> None:
         """Return the file of a sensor with its image circle fitted to an image."""
         _known(cameras, requested.id)
         return cameras.file_of(requested)
+
+
+def _add_measurement(app: FastAPI, cameras: Cameras) -> None:
+    @app.post("/api/measure")
+    def measurement(message: MeasureRequest) -> MeasurementResult:
+        """Return the angle between two pixels, and their distance on a floor or wall."""
+        _known(cameras, message.id)
+        return measure_points(cameras, message)
 
 
 def _add_images(app: FastAPI, studio: Studio) -> None:

@@ -118,6 +118,33 @@ class RestoreRequest(SensorFileRequest):
     object_distance_mm: float | None = Field(gt=0, description="object distance; null: infinite")
 
 
+class MeasureRequest(SensorFileRequest):
+    """Measurement request: two pixels of an image, and the plane of their points."""
+
+    is_fitted: bool = Field(
+        description="whether the image circle was fitted to the image; the uncertainty of the "
+        "camera file does not apply to it"
+    )
+    pixels: tuple[Pixel, Pixel]
+    height_mm: float | None = Field(
+        description="height above the floor, or minus the depth below the ceiling; null: neither"
+    )
+    wall_mm: float | None = Field(description="distance from the wall; null: no wall")
+    wall_pan_deg: float
+    plane_sigma_mm: float
+    plane_sigma_deg: float
+    pixel_sigma_px: float
+
+
+class MeasurementResult(Message):
+    """Measured angle and distance with standard uncertainties; null if unknown."""
+
+    angle_deg: float
+    angle_sigma_deg: float | None
+    distance_mm: float | None
+    distance_sigma_mm: float | None
+
+
 class DetectedOutline(Message):
     """Detected mirror outline in an image."""
 

@@ -1,7 +1,17 @@
-import { clamp } from "../../shared/numbers";
+import { clamp, wrapped } from "../../shared/numbers";
 import type { State } from "../../shared/state";
-import type { Camera } from "./camera";
-import { panTiltDirection, RAD, sum, times, type Vec3, viewAxes } from "../../shared/vectors";
+import { type Camera, STEPS_IN_SPACE } from "./camera";
+import {
+  dot,
+  panTiltDirection,
+  panTiltOf,
+  type Pixel,
+  RAD,
+  sum,
+  times,
+  type Vec3,
+  viewAxes,
+} from "../../shared/vectors";
 
 /** Types of screens, numbered as in the shader. */
 export const SHAPES = { panorama: 0, plane: 1, polar: 2, planet: 3, ground: 4 } as const;
@@ -212,11 +222,25 @@ function mosaic(s: State, camera: Camera, width: number, distance: number): View
 
 /** Return the target of a pixel of a view: point in mm or direction; null outside. */
 export function targetIn(view: View, u: number, v: number): Vec3 | null {
-  const part = view.parts.find(
-    (p) => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height,
-  );
+  const part = partAt(view, u, v);
   return part ? targetAt(part, u - part.left, v - part.top) : null;
 }
+
+/** Return the image pixel displayed at a pixel of a view; null outside. */
+export function pixelIn(view: View, camera: Camera, u: number, v: number): Pixel | null {
+  const part = partAt(view, u, v);
+  return part ? pixelAt(camera, part, u - part.left, v - part.top) : null;
+}
+
+/** Return the image pixel displayed at a pixel of a part; null outside. */
+export function pixelAt(camera: Camera, part: Part, u: number, v: number): Pixel | null {
+  const target = targetAt(part, u, v);
+  const projection = target && camera.project(target, part.isPoint);
+  return projection?.visible ? projection.pixel : null;
+}
+
+const partAt = (view: View, u: number, v: number): Part | undefined =>
+  view.parts.find((p) => u >= p.left && v >= p.top && u < p.left + p.width && v < p.top + p.height);
 
 /** Return the target of a pixel of a part: point in mm or direction; null outside. */
 export function targetAt(part: Part, u: number, v: number): Vec3 | null {
@@ -248,5 +272,60 @@ export function targetAt(part: Part, u: number, v: number): Vec3 | null {
     }
     default:
       return sum([0, 0, -b], times(a * x, right), times(a * y, down));
+  }
+}
+
+/** Return the pixel of a view at which an image pixel is displayed; null outside. */
+export function positionOf(view: View, camera: Camera, pixel: Pixel): Pixel | null {
+  const ray = camera.backproject(pixel);
+  if (!ray) return null;
+  for (const part of view.parts) {
+    const position = positionIn(part, camera, ray);
+    if (!position) continue;
+    const [u, v] = position;
+    const isInside = u >= -0.5 && v >= -0.5 && u < part.width - 0.5 && v < part.height - 0.5;
+    if (isInside) return [part.left + u, part.top + v];
+  }
+  return null;
+}
+
+/** Return the pixel of a part at which the ray of an image pixel is displayed. Rays do not start at the origin: the direction of a near target differs from its ray, and fixed-point iteration determines this difference. */
+function positionIn(part: Part, camera: Camera, ray: Vec3): Pixel | null {
+  let position = positionAt(part, ray);
+  let direction = ray;
+  for (let i = 0; part.isPoint && i < STEPS_IN_SPACE; i++) {
+    const target = position && targetAt(part, ...position);
+    const reached = target && camera.backproject(camera.project(target, true).pixel);
+    if (!reached) break; // beyond the field
+    direction = sum(direction, ray, times(-1, reached));
+    position = positionAt(part, direction);
+  }
+  return position;
+}
+
+/** Return the pixel of a part, possibly beyond its edges, of a target in a direction from the origin; null without one. */
+function positionAt(part: Part, direction: Vec3): Pixel | null {
+  const [a, b, c, d] = part.numbers;
+  const [along, x, y] = part.axes.map((axis) => dot(direction, axis));
+  const across = Math.hypot(x, y);
+  const angle = Math.atan2(across, along);
+  const scaled = (k: number): Pixel => [
+    (part.width - 1) / 2 + k * x,
+    (part.height - 1) / 2 + k * y,
+  ];
+  switch (part.shape) {
+    case SHAPES.panorama: {
+      const { pan, tilt } = panTiltOf(direction);
+      const share = 0.5 + (wrapped(pan - a / RAD) * RAD) / b;
+      return [share * part.width - 0.5, ((d - tilt * RAD) / (d - c)) * part.height - 0.5];
+    }
+    case SHAPES.plane:
+      return along > 0 ? scaled(a / along) : null;
+    case SHAPES.polar:
+      return angle > (b + 0.5) * a ? null : scaled(across ? angle / a / across : 0);
+    case SHAPES.planet:
+      return scaled(across ? Math.tan(angle / 2) / a / across : 0);
+    default:
+      return along > 0 ? scaled(b / along / a) : null;
   }
 }

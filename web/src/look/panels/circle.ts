@@ -2,7 +2,7 @@ import { ARROW_STEPS, byId, svg } from "../../shared/dom";
 import type { Feed } from "../feeds/feed";
 import type { Camera, Circle } from "../geometry/camera";
 import type { Pixel } from "../../shared/vectors";
-import { type Part, SHAPES, targetAt, type View } from "../geometry/views";
+import { type Part, pixelAt, SHAPES, targetAt, type View } from "../geometry/views";
 import { Magnifier } from "./magnifier";
 
 const PER_SIDE = 48;
@@ -74,7 +74,7 @@ export class CirclePane {
     ];
     const unit = this.unit;
     for (const part of view.parts) {
-      const centre = seenAt(camera, part, (part.width - 1) / 2, (part.height - 1) / 2);
+      const centre = pixelAt(camera, part, (part.width - 1) / 2, (part.height - 1) / 2);
       if (centre)
         parts.push(svg("circle", { cx: centre[0], cy: centre[1], r: 4 * unit, class: "looking" }));
     }
@@ -189,12 +189,6 @@ function handle(name: string): SVGElement {
     role: "slider",
     "aria-label": `${name}; arrow keys move it`,
   });
-}
-
-function seenAt(camera: Camera, part: Part, u: number, v: number): Pixel | null {
-  const target = targetAt(part, u, v);
-  const projection = target && camera.project(target, part.isPoint);
-  return projection?.visible ? projection.pixel : null;
 }
 
 /** Return the outline of a part of the view in the image, which follows the field boundary outside the field. */

@@ -1,6 +1,6 @@
 import { background } from "../../shared/background";
 import * as api from "../../shared/api";
-import { allow, byId } from "../../shared/dom";
+import { allow, byId, put } from "../../shared/dom";
 import { busy, fail, say } from "../../shared/notices";
 import { fixed } from "../../shared/numbers";
 import type { State } from "../../shared/state";
@@ -12,26 +12,36 @@ import { panTiltOf, RAD, type Vec3 } from "../../shared/vectors";
 import { elevations } from "../geometry/views";
 import type { Place } from "../stage";
 import type { SensorPanel } from "./sensor";
+import { ViewMode } from "./view_mode";
 
 const LOOKED_AT = 1440; // px, longer side of the analysed image
 
 /** Levelling of a tilted sensor: points dragged in the view move to the line of the horizon. */
 export class LevelPanel {
-  private readonly button = byId<HTMLButtonElement>("level");
+  private readonly mode: ViewMode;
   private readonly line = byId("horizon");
   private readonly finder = byId<HTMLButtonElement>("find-level");
   private current: { camera: Camera; feed: Feed } | null = null;
+  /** Tilt before the horizon was dragged. */
+  private before: Pick<State, "pitch" | "roll"> = { pitch: null, roll: null };
 
   constructor(
     private readonly store: Store,
     private readonly sensor: () => SensorPanel,
     changed: () => void,
   ) {
-    this.button.addEventListener("click", () => {
-      const isOn = !this.isOn;
-      this.button.setAttribute("aria-pressed", String(isOn));
-      if (isOn && !isLevelled(store.state)) store.set({ mode: "panorama" });
-      changed();
+    this.mode = new ViewMode(byId("level"), byId("level-bar"), {
+      start: () => {
+        this.mode.begin();
+        const { pitch, roll } = store.state;
+        this.before = { pitch, roll };
+        if (!isLevelled(store.state)) store.set({ mode: "panorama" });
+        changed();
+      },
+      ended: (end) => {
+        if (end === "cancelled") background(this.sensor().want(this.before));
+        changed();
+      },
     });
     this.finder.addEventListener("click", () => background(this.find()));
     byId("plumb").addEventListener("click", () =>
@@ -81,13 +91,9 @@ export class LevelPanel {
     }
   }
 
-  get isOn(): boolean {
-    return this.button.getAttribute("aria-pressed") === "true";
-  }
-
   /** Return true if dragging moves the horizon. */
   isDragged(): boolean {
-    return this.isOn && isLevelled(this.store.state);
+    return this.mode.isActive && isLevelled(this.store.state);
   }
 
   /** Move the point in one direction to the elevation of another. */
@@ -102,8 +108,12 @@ export class LevelPanel {
 
   /** Draw the horizon line in the active view. */
   show(camera: Camera | null, canvas: HTMLElement, place: Place): void {
-    byId("plumb").hidden =
-      !camera || (camera.model.mount.pitch_deg === 0 && camera.model.mount.roll_deg === 0);
+    const { pitch_deg: pitch, roll_deg: roll } = camera?.model.mount ?? {
+      pitch_deg: 0,
+      roll_deg: 0,
+    };
+    byId("plumb").hidden = pitch === 0 && roll === 0;
+    put("level-words", `Pitch ${fixed(pitch, 1)}°, roll ${fixed(roll, 1)}°.`);
     this.line.hidden = !camera || !this.isDragged();
     if (this.line.hidden || !camera) return;
     const { left, top, width, height, state } = place;

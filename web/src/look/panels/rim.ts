@@ -7,19 +7,20 @@ import type { State } from "../../shared/state";
 import type { Store } from "../../shared/store";
 import { type Feed, fileOf } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
+import { type ModeEnd, ViewMode } from "./view_mode";
 
 const GUESS = 0.48; // guessed radius, relative to the shorter image side
 const INSTRUCTION = "Drag the centre and the edge of the circle to the edge of the mirror.";
 
 /** Detection of the image circle, and its fit by numbers or dragging. */
 export class RimPanel {
-  private readonly button = byId<HTMLButtonElement>("adjust");
+  private readonly mode: ViewMode;
   private readonly finder = byId<HTMLButtonElement>("find-rim");
-  private readonly place = byId("fit");
   private circle: Circle | null = null;
   private search: AbortController | null = null;
-  /** End the manual fit; null if it is not active. */
-  private finish: ((result: "done" | "cancelled" | "superseded") => void) | null = null;
+  /** Circle before the manual fit. */
+  private before: State["rim"] = null;
+  private resolve: (isDone: boolean) => void = () => {};
   private readonly result = new WeakMap<Feed, DetectedOutline>();
   private readonly inputs = ["rim-u", "rim-v", "rim-radius"].map((id) =>
     byId<HTMLInputElement>(id),
@@ -30,12 +31,10 @@ export class RimPanel {
     private readonly feed: () => Feed | null,
     private readonly toggled: (isFitting: boolean) => void,
   ) {
-    this.button.addEventListener("click", () =>
-      this.finish ? this.finish("done") : background(this.edit()),
-    );
-    byId("fit-done").addEventListener("click", () => this.finish?.("done"));
-    byId("fit-cancel").addEventListener("click", () => this.finish?.("cancelled"));
-    this.place.addEventListener("keydown", (e) => e.key === "Escape" && this.finish?.("cancelled"));
+    this.mode = new ViewMode(byId("adjust"), byId("fit"), {
+      start: () => background(this.edit()),
+      ended: (end) => this.ended(end),
+    });
     this.finder.addEventListener("click", () => background(this.findHere()));
     byId("reset-rim").addEventListener("click", () => store.set({ rim: null }));
     store.listen((_, changed) => changed.has("rim") && this.search?.abort()); // a circle set meanwhile takes precedence
@@ -52,32 +51,24 @@ export class RimPanel {
 
   /** Fit the circle manually, from a given one; resolves to false after Cancel, which restores the previous circle. */
   edit(question = INSTRUCTION, circle: Circle | null = null): Promise<boolean> {
-    this.finish?.("superseded");
-    const before = this.store.state.rim;
+    this.mode.begin();
+    this.before = this.store.state.rim;
     if (circle) this.set(circle);
     byId("fit-question").textContent = question;
-    this.setActive(true);
-    return new Promise((resolve) => {
-      this.finish = (result) => {
-        this.finish = null;
-        if (result === "cancelled") this.store.set({ rim: before });
-        if (result === "done" && !this.store.state.rim && this.circle) this.set(this.circle); // the guess is accepted
-        this.setActive(false);
-        resolve(result === "done");
-      };
-    });
+    this.toggled(true);
+    return new Promise((resolve) => (this.resolve = resolve));
   }
 
-  /** Cancel a search and end a manual fit, because another image is opened. */
-  close(): void {
+  /** Cancel a search, because another image is opened. */
+  cancelSearch(): void {
     this.search?.abort();
-    this.finish?.("superseded");
   }
 
-  private setActive(isActive: boolean): void {
-    this.button.setAttribute("aria-pressed", String(isActive));
-    this.place.hidden = !isActive;
-    this.toggled(isActive);
+  private ended(end: ModeEnd): void {
+    if (end === "cancelled") this.store.set({ rim: this.before });
+    if (end === "done" && !this.store.state.rim && this.circle) this.set(this.circle); // the guess is accepted
+    this.toggled(false);
+    this.resolve(end === "done");
   }
 
   /** Detect the mirror on the server, and use its circle if reliable; null if the search was cancelled or another image is open. */
@@ -167,7 +158,7 @@ export class RimPanel {
   show(camera: Camera): void {
     this.circle = camera.circle;
     byId("rim-row").hidden = !camera.model.is_adjustable;
-    if (!camera.model.is_adjustable) this.finish?.("superseded");
+    if (!camera.model.is_adjustable) this.mode.end("superseded");
     byId("reset-rim").hidden = !this.store.state.rim;
     const { u, v, radius } = camera.circle;
     this.inputs.forEach(
