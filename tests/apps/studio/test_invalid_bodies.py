@@ -88,6 +88,18 @@ BODIES: dict[str, Any] = {
         "candidate": None,
     },
 }
+MEASURED: dict[str, Any] = {
+    **FITTED,
+    "is_fitted": False,
+    "pixels": [[600.0, 500.0], [500.0, 600.0]],
+    "height_mm": 1500.0,
+    "wall_mm": None,
+    "wall_pan_deg": 0.0,
+    "plane_sigma_mm": 0.0,
+    "plane_sigma_deg": 0.0,
+    "pixel_sigma_px": 0.0,
+}
+BODIES["/api/measure"] = MEASURED
 FRAMED_BODIES: dict[str, Any] = {
     "/api/level": {**FITTED, "name": "a.png"},
     "/api/restore": {**FITTED, "name": "a.png", **DISTANCE},

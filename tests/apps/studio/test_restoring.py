@@ -66,24 +66,24 @@ def test_server_restoration_matches_library(image, restored, tmp_path):
             text = json.dumps({**body, **changes}).encode()
             return client.post("/api/restore", content=struct.pack("<I", len(text)) + text + png)
 
-        answer = post()
-        assert answer.status_code == 200, answer.text
-        result = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        lines, _, file = post().content.partition(b"\n\n")
+        *steps, done = map(json.loads, lines.splitlines())
+        assert [step["fraction"] for step in steps] == [0.0, 0.25, 0.5, 0.75]
+        result = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
         assert np.abs(restored.astype(int) - image).max() > 8
         assert np.abs(result.astype(int) - restored).max() <= 1
-        assert answer.headers["omnimirror-note"].startswith("restored with noise of")
+        assert done["state"] == "done"
+        assert done["message"].startswith("restored with noise of")
         file = io.BytesIO()
         exif = Image.Exif()
         exif[0x010F] = "Maker"
         exif.get_ifd(0x8769)[0x829D] = 0.6
         Image.fromarray(image).save(file, "PNG", exif=exif)
         png = file.getvalue()
-        answer = post()
-        assert (
-            "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed"
-            in answer.headers["omnimirror-note"]
-        )
-        result = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+        lines, _, file = post().content.partition(b"\n\n")
+        done = json.loads(lines.splitlines()[-1])
+        assert "EXIF has F/0.6, the sensor F/0.3: 50 % of the blur is assumed" in done["message"]
+        result = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
         half = om.restore(replace(SMALL, lens=replace(SMALL.lens, f_number=0.6)), image)
         assert (
             5 * np.abs(result.astype(int) - half).mean()
@@ -92,7 +92,9 @@ def test_server_restoration_matches_library(image, restored, tmp_path):
         converted_png = client.post("/api/convert", content=png, params={"name": "p.png"}).content
         assert Image.open(io.BytesIO(converted_png)).getexif().get_ifd(0x8769)[0x829D] == 0.6
         assert post(id="ball:300").status_code == 400
-        assert post(image_size=[100, 100]).status_code == 400
+        failed = json.loads(post(image_size=[100, 100]).content.splitlines()[-1])
+        assert failed["state"] == "failed"
+        assert "must have the 100 x 100 px" in failed["message"]
         assert post(id="nope").status_code == 404
 
 
@@ -135,5 +137,24 @@ def test_given_and_restored_image_are_shown_side_by_side(
     page.wait_for_function("document.querySelector('#wiper').hidden")
     restore.click(force=True)
     page.get_by_role("status").filter(has_text="requires a sensor with known mirror").wait_for()
+    assert page.problems == []
+    page.context.close()
+
+
+def test_restoration_is_cancelled(browser, server, image, tmp_path):
+    """Cancel ends the worker: the next restoration does not wait for it."""
+    large = cv2.resize(image, SENSOR.image_size, interpolation=cv2.INTER_CUBIC)
+    write_image(tmp_path / "p.png", large)
+    page = open_page(browser, server, 1000, 800, reduced_motion="reduce")
+    drop(page, tmp_path / "p.png")
+    page.wait_for_selector("#restore[aria-disabled=false]")
+    for _ in range(2):
+        page.locator("#restore").click()
+        page.locator("#busy-text", has_text="Estimating the noise").wait_for()
+        page.locator("#busy-fraction").wait_for()
+        page.locator("#busy-cancel").click()
+        page.locator("#busy").wait_for(state="hidden")
+        page.wait_for_selector("#restore[aria-pressed=false]")
+    assert page.locator("#banner").is_hidden()
     assert page.problems == []
     page.context.close()

@@ -34,11 +34,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 import omnimirror as om
-from omnimirror.apps.studio import _design_files, _look_routes, _server_state, _uploads
+from omnimirror.apps.studio import _design_files, _server_state, _uploads
 from omnimirror.apps.studio._design_files import coarser, sensor_report
 from omnimirror.apps.studio._design_sensors import sensor_from_tables
 from omnimirror.apps.studio._search_process import perform
 from omnimirror.apps.studio._server_state import Sources, Studio
+from omnimirror.apps.studio._workers import Restorations
 from omnimirror.apps.studio.app import create_app
 from omnimirror.apps.studio.design_messages import SearchTask
 from omnimirror.base.errors import InvalidParameter, MediaError
@@ -666,12 +667,12 @@ def test_restoration_and_outline_search_do_not_block_each_other(client, monkeypa
     """A restoration of one page continues while another page converts and detects images."""
     is_started, is_released = threading.Event(), threading.Event()
 
-    def restored(*args):
+    async def restored(*args):
         is_started.set()
-        assert is_released.wait(60)
-        return b"", ""
+        assert await asyncio.to_thread(is_released.wait, 60)
+        yield b""
 
-    monkeypatch.setattr(_look_routes, "restore_image", restored)
+    monkeypatch.setattr(Restorations, "run", restored)
     message = {**FITTED, "name": "a.png", "object_distance_mm": None}
     header = json.dumps(message).encode()
     body = (

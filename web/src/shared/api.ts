@@ -18,6 +18,7 @@ import type {
   MeasurementResult,
   MeasureRequest,
   EstimatedTilt,
+  ImageTaskStatus,
   ImportedFile,
   RenderRequest,
   RequirementFileRequest,
@@ -107,25 +108,24 @@ export async function outline(
   signal: AbortSignal | null = null,
 ): Promise<DetectedOutline> {
   const response = await ask(to("api/outline", { name }), { method: "POST", body: image, signal });
-  for await (const line of linesOf(response)) {
-    const status = JSON.parse(line) as OutlineSearchStatus;
-    if (status.outline) return status.outline;
-    if (status.state === "failed") throw new RequestRejected(status.message);
-    onStatus(status);
-  }
-  throw new ServerUnavailable(SERVER_UNAVAILABLE);
+  const { status } = await taskOutput<OutlineSearchStatus>(response, onStatus);
+  return status.outline!;
 }
 export const level = (request: LevelRequest, image: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(request, image) }));
 export const measure = (request: MeasureRequest): Promise<MeasurementResult> =>
   json(posted("api/measure", request));
-/** Return the restored image, and a note on the removed blur. */
+/** Return the restored image, and a note on the removed blur; aborting the signal cancels the restoration. */
 export async function restored(
   request: RestoreRequest,
   image: Blob,
+  onStatus: (status: ImageTaskStatus) => void,
+  signal: AbortSignal,
 ): Promise<{ image: Blob; note: string }> {
-  const answer = await ask("api/restore", { method: "POST", body: pack(request, image) });
-  return { image: await answer.blob(), note: answer.headers.get("omnimirror-note") ?? "" };
+  const body = pack(request, image);
+  const response = await ask("api/restore", { method: "POST", body, signal });
+  const { status, file } = await taskOutput(response, onStatus);
+  return { image: file, note: status.message };
 }
 export const loadSensor = (file: Blob, name: string, optics = "mirror"): Promise<SensorEntry> =>
   json(uploaded("api/sensors", file, { name, optics }));
@@ -238,20 +238,48 @@ async function ask(url: string, init: RequestInit = {}): Promise<Response> {
   );
 }
 
-/** Yield the lines of a response as they arrive. */
-async function* linesOf(response: Response): AsyncGenerator<string> {
-  const reader = response.body!.pipeThrough(new TextDecoderStream()).getReader();
-  let rest = "";
+/** Follow a task with an image: return its last status, and the file after an empty line. */
+async function taskOutput<Status extends ImageTaskStatus>(
+  response: Response,
+  onStatus: (status: Status) => void,
+): Promise<{ status: Status; file: Blob }> {
+  const reader = response.body!.getReader();
+  const decoder = new TextDecoder();
+  const file: BlobPart[] = [];
+  let isFile = false;
+  let line = new Uint8Array();
+  let status: Status | null = null;
   for (;;) {
     const { done, value } = await reader.read().catch((e: unknown) => {
       if (e instanceof DOMException && e.name === "AbortError") throw e; // cancelled by the caller
       throw new ServerUnavailable(SERVER_UNAVAILABLE);
     });
-    if (done) return;
-    const lines = (rest + value).split("\n");
-    rest = lines.pop()!;
-    yield* lines;
+    if (done) break;
+    let rest = value;
+    for (let end; !isFile && (end = rest.indexOf(NEWLINE)) >= 0; rest = rest.subarray(end + 1)) {
+      const text = decoder.decode(joined(line, rest.subarray(0, end)));
+      line = new Uint8Array();
+      if (!text) isFile = true;
+      else {
+        status = JSON.parse(text) as Status;
+        if (status.state === "failed") throw new RequestRejected(status.message);
+        if (status.state !== "done") onStatus(status);
+      }
+    }
+    if (isFile) file.push(rest);
+    else line = joined(line, rest);
   }
+  if (status?.state !== "done") throw new ServerUnavailable(SERVER_UNAVAILABLE);
+  return { status, file: new Blob(file) };
+}
+
+const NEWLINE = 10;
+
+function joined(a: Uint8Array, b: Uint8Array): Uint8Array<ArrayBuffer> {
+  const all = new Uint8Array(a.length + b.length);
+  all.set(a);
+  all.set(b, a.length);
+  return all;
 }
 
 /** Validation error of a request entry, as reported by the framework of the server. */

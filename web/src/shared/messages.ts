@@ -447,6 +447,14 @@ export interface Health {
   version: string;
 }
 
+/** Progress of a task with an image; the last message contains a report or an error. */
+export interface ImageTaskStatus {
+  state: "waiting" | "running" | "done" | "failed";
+  message: string;
+  /** completed fraction, 0 to 1 */
+  fraction: number;
+}
+
 /** Imported file: a sensor or requirements. */
 export interface ImportedFile {
   sensor: DesignSensor | null;

@@ -17,7 +17,7 @@ from ... import __version__
 from ...base.errors import OmnimirrorError
 from ...cameras.camera import Mount
 from ...cameras.models import MirrorBall
-from ...io.image_metadata import UPRIGHT, applied, exposure_of
+from ...io.image_metadata import UPRIGHT, applied
 from ...io.images import read_image_and_metadata
 from ...optics.sensor import Sensor
 from ._camera_tables import camera_tables
@@ -32,6 +32,7 @@ from ._http_messages import (
 )
 from ._look_cameras import Cameras, NamedCamera
 from ._outline_process import OutlineRequest
+from ._restoration_process import RestorationTask
 from ._server_state import Stream
 from ._uploads import (
     browser_image,
@@ -41,7 +42,6 @@ from ._uploads import (
     image_in,
     png_of,
     safe_name,
-    uploaded,
     uploaded_file,
 )
 from .look_messages import (
@@ -133,27 +133,6 @@ def measure_points(cameras: Cameras, message: MeasureRequest) -> MeasurementResu
     )
 
 
-def restore_image(
-    sensor: Sensor, message: RestoreRequest, data: bytes, stored_orientation: bool = False
-) -> tuple[bytes, str]:
-    """Restore an uploaded image, and report the removed blur and the effect of EXIF data.
-
-    Raises
-    ------
-    OmnimirrorError
-        If the image is unreadable or belongs to another sensor.
-    """
-    from ...dewarp.restoration.deblurring import Restorer
-
-    pixels, metadata = uploaded(
-        data, safe_name(message.name), stored_orientation=stored_orientation
-    )
-    distance = np.inf if message.object_distance_mm is None else message.object_distance_mm
-    restorer = Restorer.of_exposure(sensor, exposure_of(metadata.exif), distance)
-    restored, report = restorer.restore_and_describe(eight_bits(pixels))
-    return encoded(restored, ".png"), report
-
-
 @lru_cache(maxsize=8)
 def render_room(named_camera: NamedCamera) -> bytes:
     """Render the image of a room by a camera.
@@ -178,8 +157,6 @@ def render_room(named_camera: NamedCamera) -> bytes:
 
 # -- Routes ----------------------------------------------------------------------------------------
 
-NOTE = "omnimirror-note"
-"""Response header with a sentence for the user."""
 SIZE = "omnimirror-size"
 """Response header with the size of the original image, px."""
 
@@ -326,17 +303,24 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         return await studio.conversions.run(request, lambda: estimate_tilt(camera, message, image))
 
     @app.post(
-        "/api/restore", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
+        "/api/restore",
+        openapi_extra=FILE_BODY,
+        response_class=StreamingResponse,
+        responses={200: STATUS_LINES},
     )
-    async def restore(request: Request) -> Response:
-        """Restore an image; the request header precedes the image."""
+    async def restore(request: Request) -> StreamingResponse:
+        """Restore an image: progress messages, one per line, and a PNG after an empty line.
+
+        The request header precedes the image. Closing the connection cancels the restoration.
+        """
         message, image = unframed(await uploaded_file(request), RestoreRequest)
         _known(studio.cameras, message.id)
-        sensor = studio.cameras.fitted(message)
-        data, report = await studio.restorations.run(
-            request, lambda: restore_image(sensor, message, image, is_stored)
+        task = RestorationTask(
+            request=message,
+            sensor_file=studio.cameras.file_of(message),
+            stored_orientation=is_stored,
         )
-        return Response(data, media_type="image/png", headers={NOTE: report})
+        return StreamingResponse(studio.restorations.run(task, image), media_type=STATUS_MEDIA_TYPE)
 
 
 def _add_streams(app: FastAPI, studio: Studio) -> None:

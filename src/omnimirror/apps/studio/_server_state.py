@@ -15,7 +15,7 @@ from ...interop.http_server.limits import JobQueue
 from ...io.batch import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from ._look_cameras import Cameras, NamedCamera
 from ._uploads import encoded
-from ._workers import BoardDetectorPool, OutlineSearches
+from ._workers import BoardDetectorPool, OutlineSearches, Restorations
 from .look_messages import Source, StreamState
 
 # -- Sources ---------------------------------------------------------------------------------------
@@ -295,5 +295,6 @@ class Studio:
         self.streams = Streams(self.stored_orientation, self.on_note)
         self.board_detectors = BoardDetectorPool()
         self.outline_searches = OutlineSearches()
-        self.simulations, self.conversions, self.restorations = JobQueue(), JobQueue(), JobQueue()
+        self.restorations = Restorations()
+        self.simulations, self.conversions = JobQueue(), JobQueue()
         self.built, self.toleranced, self.slider_violations = JobQueue(), JobQueue(), JobQueue()

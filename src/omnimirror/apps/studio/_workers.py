@@ -16,10 +16,11 @@ from ...base.errors import InvalidParameter, OmnimirrorError
 from ...base.worker_processes import start_process, terminate_process
 from ...interop.http_server.limits import MAX_QUEUED_JOBS, FairSlots, ServerBusy, current_page
 from ...interop.http_server.request_bodies import InvalidMessage, close_invalid
-from . import _board_detection_process, _outline_process
+from . import _board_detection_process, _outline_process, _restoration_process
 from ._outline_process import OutlineRequest
+from ._restoration_process import RestorationTask
 from .calibration_messages import BoardDetection, BoardDetectionRequest
-from .look_messages import OutlineSearchStatus
+from .look_messages import ImageTaskStatus
 from .messages import Problem
 
 # -- Worker processes ------------------------------------------------------------------------------
@@ -207,7 +208,7 @@ async def serve_task(
     await socket.close()
 
 
-# -- Outline searches ------------------------------------------------------------------------------
+# -- Tasks with an image ---------------------------------------------------------------------------
 
 MAX_CACHED_OUTLINES = 256
 """Maximum number of cached outlines, about 100 bytes each; a full cache is cleared."""
@@ -221,38 +222,66 @@ class OutlineSearches:
 
     def __init__(self) -> None:
         self._workers = Workers(_outline_process.__name__, 1, "outline searches")
-        self._outlines: dict[bytes, str] = {}
+        self._outlines: dict[bytes, bytes] = {}
 
-    async def run(self, request: OutlineRequest, data: bytes) -> AsyncIterator[str]:
+    async def run(self, request: OutlineRequest, data: bytes) -> AsyncIterator[bytes]:
         """Yield progress messages, one per line; closing the iterator cancels the search."""
         key = sha256(request.model_dump_json().encode() + data).digest()
         if key in self._outlines:
             yield self._outlines[key]
             return
-        if self._workers.is_busy:
-            yield _status("waiting", "Waiting for another outline search")
-        try:
-            async with self._workers.worker() as worker:
-                last = ""
-                await asyncio.to_thread(worker.send, request.model_dump_json(), data)
-                async for line in worker.lines():
-                    last = line
-                    yield line
-        except ServerBusy as e:
-            yield _status("failed", str(e))
-            return
-        if '"state":"done"' in last:
+        line = b""
+        async for line in _output(self._workers, request, data):
+            yield line
+        if _is_done(line):
             if len(self._outlines) >= MAX_CACHED_OUTLINES:
                 self._outlines.clear()
-            self._outlines[key] = last
-        elif '"state":"failed"' not in last:
-            yield _status(
-                "failed", f"the outline search in {request.name} was interrupted; try again"
-            )
+            self._outlines[key] = line
 
 
-def _status(state: Literal["waiting", "failed"], message: str) -> str:
-    return OutlineSearchStatus(state=state, message=message).model_dump_json() + "\n"
+class Restorations:
+    """Restorations in worker processes, one at a time."""
+
+    def __init__(self) -> None:
+        self._workers = Workers(_restoration_process.__name__, 1, "restorations")
+
+    def run(self, task: RestorationTask, data: bytes) -> AsyncIterator[bytes]:
+        """Yield progress messages, one per line, and after an empty line the restored image.
+
+        Closing the iterator cancels the restoration.
+        """
+        return _output(self._workers, task, data)
+
+
+async def _output(workers: Workers, task: BaseModel, data: bytes) -> AsyncIterator[bytes]:
+    """Yield the progress messages of a task, one per line, and its file, if any, after an empty
+    line; closing the iterator terminates the worker.
+    """
+    if workers.is_busy:
+        yield _status("waiting", f"Waiting for other {workers.tasks}")
+    line = b""
+    try:
+        async with workers.worker() as worker:
+            await asyncio.to_thread(worker.send, task.model_dump_json(), data)
+            async for text in worker.lines():
+                line = text.encode()
+                yield line
+            if file := await worker.remainder():
+                yield b"\n"
+                yield file
+    except ServerBusy as e:
+        yield _status("failed", str(e))
+        return
+    if not _is_done(line) and b'"state":"failed"' not in line:
+        yield _status("failed", "the server interrupted the task; try again")
+
+
+def _is_done(line: bytes) -> bool:
+    return b'"state":"done"' in line
+
+
+def _status(state: Literal["waiting", "failed"], message: str) -> bytes:
+    return ImageTaskStatus(state=state, message=message).model_dump_json().encode() + b"\n"
 
 
 # -- Pool of board detection processes -------------------------------------------------------------

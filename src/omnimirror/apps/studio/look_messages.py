@@ -155,12 +155,17 @@ class DetectedOutline(Message):
     image_size: Size = Field(description="size of the analysed image")
 
 
-class OutlineSearchStatus(Message):
-    """Progress of an outline search; the last message contains the outline or an error."""
+class ImageTaskStatus(Message):
+    """Progress of a task with an image; the last message contains a report or an error."""
 
     state: Literal["waiting", "running", "done", "failed"]
     message: str
     fraction: float = Field(default=0.0, description="completed fraction, 0 to 1")
+
+
+class OutlineSearchStatus(ImageTaskStatus):
+    """Progress of an outline search; the last message contains the outline or an error."""
+
     outline: DetectedOutline | None = None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,6 +32,8 @@ from ._blur_fraction import (
 from ._sharpness import blur_limit, overshoot, overshoot_limits
 from .blur_model import BlurDiameters, RadialBlur, load_blur, radial_blur_of
 from .noise import FULL, Noise, check_restorable, estimate_noise, specified_noise
+
+LOGGER = logging.getLogger(__name__)
 
 # -- Deblurring of images with known blur ----------------------------------------------------------
 
@@ -273,9 +276,11 @@ class Restorer:
 
         ``file``, the source of the image, determines the coding noise of JPEG files.
         """
+        LOGGER.info("Estimating the noise")
         estimate = (
             self.estimate_noise(image, file) if noise is None else self._noise_of(image, noise)
         )
+        LOGGER.info("Estimating the blur")
         decision = self.decide(image, estimate)
         described = f"; {description}" if (description := self.exposure_words) else ""
         if decision.fraction == 0:
@@ -285,6 +290,7 @@ class Restorer:
         )
         if decision.fraction < 1:
             text += f", and {100 * decision.fraction:.0f} % of the blur is removed because {decision.reason}"
+        LOGGER.info("Removing the blur")
         return self(image, estimate, decision.fraction), text
 
     def estimate_noise(self, image: ImageArray, file: str | Path | None = None) -> Noise:

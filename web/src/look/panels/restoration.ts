@@ -15,7 +15,7 @@ export class RestorationPanel {
   private readonly line = byId("wipe-line");
   private readonly slider = byId<HTMLInputElement>("wipe");
   /** Completed or active restoration: image and camera. */
-  private request: { feed: Feed; by: string } | null = null;
+  private request: { feed: Feed; by: string; search: AbortController } | null = null;
   image: ImageBitmap | null = null;
 
   constructor(
@@ -61,6 +61,7 @@ export class RestorationPanel {
   }
 
   private forget(): void {
+    this.request?.search.abort();
     this.request = null;
     this.image?.close();
     this.image = null;
@@ -68,8 +69,10 @@ export class RestorationPanel {
   }
 
   private async restore(camera: Camera, feed: Feed, by: string): Promise<void> {
-    const request = (this.request = { feed, by });
-    busy("Removing the blur…");
+    const search = new AbortController();
+    const request = (this.request = { feed, by, search });
+    const cancel = (): void => this.store.set({ wipe: null });
+    busy("Reading the image…", { cancel });
     try {
       const { model, circle, size } = camera;
       const distance = this.store.state.distance;
@@ -84,6 +87,8 @@ export class RestorationPanel {
           object_distance_mm: Number.isFinite(distance) ? distance : null,
         },
         feed.file ?? (await fileOf(feed)).image,
+        ({ message, fraction }) => busy(`${message}…`, { fraction, cancel }),
+        search.signal,
       );
       const full = await createImageBitmap(restored, DECODING);
       const { image: displayed } = feed as { image: ImageBitmap };
@@ -93,10 +98,11 @@ export class RestorationPanel {
       if (note) say(`${feed.name}: ${note}`);
       this.changed();
     } catch (e) {
-      if (this.request === request) this.store.set({ wipe: null });
+      if (search.signal.aborted) return;
+      this.store.set({ wipe: null });
       fail(e);
     } finally {
-      busy(null);
+      if (this.request === request || !this.request) busy(null);
     }
   }
 }
