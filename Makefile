@@ -17,7 +17,7 @@ NATIVE := $(wildcard native/CMakeLists.txt native/src/*.* native/src/*/*)
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo studio check test test-full test-lowest test-newest smoke mutation programs chromium firefox node page lint format bench bench-page docs release clean
+.PHONY: help demo studio check test test-full test-lowest test-newest test-releases smoke mutation programs chromium firefox node page lint format bench bench-page docs release clean
 
 help:  ## List the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -64,6 +64,10 @@ smoke: $(BIN)/python
 	out/$(VERSIONS)/bin/omnimirror dewarp out/$(VERSIONS)/circle.png --sensor paper-spherical --view panorama -o out/$(VERSIONS)/panorama.png
 	out/$(VERSIONS)/bin/omnimirror maps paper-spherical --view panorama -o out/$(VERSIONS)/maps.npz
 	out/$(VERSIONS)/bin/omnimirror demo --output out/$(VERSIONS)/demo
+
+test-releases: $(VENV)/.full  ## Comparisons with the oldest and the newest releases of other programs (PROGRAMS="COLMAP FFmpeg")
+	$(PIP) uv
+	$(BIN)/python tests/program_releases.py $(PROGRAMS)
 
 mutation: $(VENV)/.mutation  ## Run mutation testing: fraction of random code changes that tests detect (ARGS=--help)
 	$(BIN)/python tests/mutation.py $(ARGS)

@@ -16,19 +16,25 @@ PROGRAMS = {
     "FFmpeg": "av",
     "COLMAP": "pycolmap",
     "Blender": "bpy",
+    "Newton": "newton",
+    "PyTorch": "torch",
     "GStreamer": "gstreamer",
+    "VLC": "vlc",
     "OBS Studio": "libobs",
     "OpenImageIO": "openimageio",
 }
 """Sections of the page in order, and the distribution that contains each program."""
 HEAD = """# Cross-validation
 
-Comparison of omnimirror with independent programs. The tests generate this page (`make test-full`, after `make
-programs` for Blender, GStreamer and OBS). *Maximum deviation* is the largest of all cases; the tests fail if it exceeds
-*tolerance*.
+Comparison of omnimirror with independent programs, each in its oldest and newest tested release. The tests generate
+this page: `make test-full`, after `make programs`, for the installed releases, and `make test-releases` for the oldest
+and the newest release of each program on the Python package index. Deviations are the largest of all cases; the tests
+fail if they exceed the tolerance.
 
 """
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+TESTED = re.compile(r"(\S+) \((\d+ \w+ \d{4})\)")
+NOT_COMPARED = "-"
 
 
 class Comparison(NamedTuple):
@@ -40,6 +46,21 @@ class Comparison(NamedTuple):
     tolerance: float
     unit: str
     version: str
+
+
+class Row(NamedTuple):
+    """Quantity of a table: number of cases, largest deviation and tolerance with their unit."""
+
+    cases: str
+    deviation: str
+    tolerance: str
+
+
+class Release(NamedTuple):
+    """Comparisons with one release of a program."""
+
+    date: str
+    rows: dict[str, Row]
 
 
 Compare = Callable[..., None]
@@ -59,33 +80,95 @@ def version_of(program: str) -> str:
     return "?"
 
 
+def order(version: str) -> list[int]:
+    """Return the numbers of a version, by which releases are sorted."""
+    return [int(number) for number in re.findall(r"\d+", version)]
+
+
+def measured(comparisons: Iterable[Comparison]) -> dict[str, dict[str, Release]]:
+    """Return the comparisons of this run by program and version."""
+    cases: dict[tuple[str, str, str], list[Comparison]] = {}
+    for each in comparisons:
+        cases.setdefault((each.program, each.version, each.quantity), []).append(each)
+    programs: dict[str, dict[str, Release]] = {}
+    now = datetime.now(UTC)
+    for (program, version, quantity), rows in cases.items():
+        worst = max(rows, key=lambda row: (row.deviation / (row.tolerance or 1), row.deviation))
+        unit = f" {worst.unit}" if worst.unit else ""
+        new = Release(f"{now.day} {now:%B %Y}", {})
+        release = programs.setdefault(program, {}).setdefault(version, new)
+        release.rows[quantity] = Row(
+            str(len(rows)), f"{worst.deviation:.2g}{unit}", f"{worst.tolerance:.3g}{unit}"
+        )
+    return programs
+
+
+def parsed(text: str) -> dict[str, dict[str, Release]]:
+    """Return the comparisons of a page by program and version."""
+    programs = {}
+    for program, section in SECTION.findall(text):
+        releases = {version: Release(date, {}) for version, date in TESTED.findall(section)}
+        lines = [line for line in section.splitlines() if line.startswith("| ")]
+        for quantity, *cells, tolerance in (line.strip("| ").split(" | ") for line in lines[1:]):
+            for release, cell in zip(releases.values(), cells, strict=True):
+                if cell != NOT_COMPARED:
+                    deviation, cases = cell.rstrip(")").rsplit(" (", 1)
+                    release.rows[quantity] = Row(cases, deviation, tolerance)
+        programs[program] = releases
+    return programs
+
+
 def page(comparisons: Iterable[Comparison], before: str) -> str:
-    """Return the page; sections of programs without comparisons are copied from the previous page."""
-    tables = dict(SECTION.findall(before))
-    by_program: dict[str, list[Comparison]] = {}
-    for comparison in comparisons:
-        by_program.setdefault(comparison.program, []).append(comparison)
-    for program, rows in by_program.items():
-        tables[program] = section(rows)
+    """Return the page of this run and of the previous page, with the oldest and the newest release of each program."""
+    programs = parsed(before)
+    for program, releases in measured(comparisons).items():
+        known = sorted((programs.get(program, {}) | releases).items(), key=lambda r: order(r[0]))
+        programs[program] = dict([known[0], known[-1]])
+    names = [name for name in PROGRAMS if name in programs]
     return HEAD + "\n".join(
-        f"## {name}\n{tables[name].rstrip()}\n" for name in PROGRAMS if name in tables
+        [summary({name: programs[name] for name in names})]
+        + [section(name, programs[name]) for name in names]
     )
 
 
-def section(rows: list[Comparison]) -> str:
-    """Return the table of one program with the largest deviation of each quantity."""
+def summary(programs: dict[str, dict[str, Release]]) -> str:
+    """Return the table of all programs with the largest ratio of a deviation to its tolerance."""
     lines = [
-        f"\nVersion {rows[0].version}, {datetime.now(UTC):%d %B %Y}.\n",
-        "| quantity | cases | maximum deviation | tolerance |",
-        "|---|--:|--:|--:|",
+        "| program | oldest release | newest release | quantities | largest deviation / tolerance |",
+        "|---|---|---|--:|--:|",
     ]
-    for quantity in dict.fromkeys(row.quantity for row in rows):
-        cases = [row for row in rows if row.quantity == quantity]
-        worst = max(cases, key=lambda row: row.deviation / row.tolerance)
-        unit = f" {worst.unit}" if worst.unit else ""
-        lines.append(
-            f"| {quantity} | {len(cases)} | {worst.deviation:.2g}{unit} | {worst.tolerance:.3g}{unit} |"
-        )
+    for name, releases in programs.items():
+        rows = [row for release in releases.values() for row in release.rows.values()]
+        quantities = {quantity for release in releases.values() for quantity in release.rows}
+        ratio = max(value(row.deviation) / (value(row.tolerance) or 1) for row in rows)
+        link = f"[{name}](#{name.lower().replace(' ', '-')})"
+        oldest, newest = min(releases, key=order), max(releases, key=order)
+        lines.append(f"| {link} | {oldest} | {newest} | {len(quantities)} | {ratio:.2g} |")
+    return "\n".join(lines) + "\n"
+
+
+def value(cell: str) -> float:
+    """Return the number of a cell."""
+    return float(cell.split()[0])
+
+
+def section(program: str, releases: dict[str, Release]) -> str:
+    """Return the table of one program with the largest deviation of each quantity by release."""
+    tested = ", ".join(f"{version} ({release.date})" for version, release in releases.items())
+    rows = {
+        quantity: row for release in releases.values() for quantity, row in release.rows.items()
+    }
+    lines = [
+        f"## {program}\n\nReleases: {tested}. Number of cases in parentheses.\n",
+        f"| quantity | {' | '.join(releases)} | tolerance |",
+        f"|---|{'--:|' * (len(releases) + 1)}",
+    ]
+    for quantity, row in rows.items():
+        cells = [
+            f"{each.deviation} ({each.cases})" if each else NOT_COMPARED
+            for each in (release.rows.get(quantity) for release in releases.values())
+        ]
+        lines.append(f"| {quantity} | {' | '.join(cells)} | {row.tolerance} |")
     return "\n".join(lines) + "\n"
 
 

@@ -27,15 +27,24 @@ def main(rays, depths):
             body=-1, mesh=newton.Mesh((corners / 1000).astype(np.float32), triangles)
         )
     model = builder.finalize(device="cpu")
-    camera = newton.sensors.SensorCamera(model)
-    camera.default_render_config.enable_backface_culling = False
-    field = wp.array(np.load(rays), dtype=wp.vec3f, device="cpu")
+    field = np.load(rays)
+    height, width = field.shape[:2]
     transform = wp.array(
         [wp.transform(wp.vec3(), wp.quat_from_matrix(AHEAD))], dtype=wp.transformf, device="cpu"
     )
-    depth = camera.allocate_image_depth(1, field.shape[1], field.shape[0])
-    camera.update(model.state(), transform, field, depth_image=depth)
-    np.save(depths, depth.numpy()[0])
+    depth = wp.zeros((1, height, width), dtype=wp.float32, device="cpu")
+    if hasattr(newton.sensors, "SensorCamera"):
+        camera = newton.sensors.SensorCamera(model)
+    else:  # of older releases: one camera in one world
+        camera = newton.sensors.SensorTiledCamera(model)
+        field = field[None, :, :, 0]
+        transform, depth = transform.reshape((1, 1)), depth.reshape((1, 1, height, width))
+    camera.default_render_config.enable_backface_culling = False
+    camera.update(
+        model.state(), transform, wp.array(field, dtype=wp.vec3f, device="cpu"), depth_image=depth
+    )
+    np.save(depths, depth.numpy().reshape(height, width))
+    Path(depths).with_name("version.txt").write_text(newton.__version__)
 
 
 main(*sys.argv[1:])

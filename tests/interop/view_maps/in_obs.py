@@ -57,10 +57,10 @@ def draw(obs, effect, table, source_pixels, size):
     file = c.create_string_buffer(1 << 18)  # gs_image_file_t; its first member is the texture
     obs.gs_image_file_init(file, table)
     obs.gs_image_file_init_texture(file)
-    for name, texture in ((b"image", image), (b"places", c.c_void_p.from_buffer(file))):
-        obs.gs_effect_set_texture(
-            c.c_void_p(obs.gs_effect_get_param_by_name(handle, name)), texture
-        )
+    for name, texture in ((b"image", image), (b"view_map", c.c_void_p.from_buffer(file))):
+        parameter = c.c_void_p(obs.gs_effect_get_param_by_name(handle, name))
+        assert parameter.value, name
+        obs.gs_effect_set_texture(parameter, texture)
     target = c.c_void_p(obs.gs_texrender_create(RGBA, 0))
     assert obs.gs_texrender_begin(target, *size)
     obs.gs_enable_depth_test(False)
