@@ -119,11 +119,18 @@ def parsed(text: str) -> dict[str, dict[str, Release]]:
 
 
 def page(comparisons: Iterable[Comparison], before: str) -> str:
-    """Return the page of this run and of the previous page, with the oldest and the newest release of each program."""
+    """Return the page of this run and of the previous page, with the oldest and the newest release of each program.
+
+    Quantities that are not compared in this run remain; delete a section to remove renamed ones.
+    """
     programs = parsed(before)
     for program, releases in measured(comparisons).items():
-        known = sorted((programs.get(program, {}) | releases).items(), key=lambda r: order(r[0]))
-        programs[program] = dict([known[0], known[-1]])
+        known = programs.get(program, {})
+        for version, (date, rows) in releases.items():
+            earlier = known[version].rows if version in known else {}
+            known[version] = Release(date, earlier | rows)
+        versions = sorted(known, key=order)
+        programs[program] = {version: known[version] for version in (versions[0], versions[-1])}
     names = [name for name in PROGRAMS if name in programs]
     return HEAD + "\n".join(
         [summary({name: programs[name] for name in names})]

@@ -72,6 +72,14 @@ def every_day(pages: list[Path], long: set[str]) -> list[Any]:
     return few(pages, *(page for page in pages if page.name not in long))
 
 
+OTHER_PACKAGES = "mitsuba", "pycolmap", "torch"
+"""Programs whose examples run in a test of their own, if they are installed."""
+
+
+def other_packages(text: str) -> set[str]:
+    return {name for name in OTHER_PACKAGES if re.search(rf"^import .*\b{name}\b", text, re.M)}
+
+
 WITH_EXAMPLES = [p for p in PAGES if blocks(p, "python") and p.name not in RUN_ELSEWHERE]
 WITH_COMMANDS = [p for p in PAGES if blocks(p, "console")]
 
@@ -80,10 +88,29 @@ WITH_COMMANDS = [p for p in PAGES if blocks(p, "console")]
 @pytest.mark.parametrize("page", every_day(WITH_EXAMPLES, LONG_EXAMPLES), ids=lambda p: p.name)
 def test_python_examples_print_documented_output(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_files(page, tmp_path)
+    run_examples(page, tmp_path, capsys)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("page", "package"),
+    [(p, each) for p in WITH_EXAMPLES for each in sorted(other_packages(p.read_text("utf-8")))],
+    ids=lambda p: getattr(p, "name", p),
+)
+def test_python_examples_with_other_packages(page, package, tmp_path, monkeypatch, capsys):
+    pytest.importorskip(package, reason=f"{package} is installed by `make test-full` only")
+    monkeypatch.chdir(tmp_path)
+    run_examples(page, tmp_path, capsys, package)
+
+
+def run_examples(page: Path, folder: Path, capsys: Any, package: str | None = None) -> None:
+    """Run the examples of a page in order, except those with other packages than the given one."""
+    write_files(page, folder)
     names: dict[str, object] = {}
     pattern = r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?"
     for block, expected in re.findall(pattern, page.read_text(encoding="utf-8"), flags=re.M | re.S):
+        if other_packages(block) - {package}:
+            continue
         capsys.readouterr()
         exec(compile(block, str(page), "exec"), names)
         assert_printed(expected.splitlines(), capsys.readouterr().out, block)
@@ -324,6 +351,51 @@ def test_boxes_move_as_documented(tmp_path):
             expose(small, SceneWithBodies(om.Room(), b, time), samples=1) for b in ((), bodies)
         )
         assert (np.abs(full - empty)[v, u].max(axis=-1) > 0.01).tolist() == shows, time
+
+
+EXAMPLES = {
+    "arrays and stacks": r"dewarp\(depth_mm\)",
+    "__dlpack__": r"dewarp\(torch\.",
+    "__array__": r"dewarp\(Image\.new",
+    "PyTorch": r"om\.torch\.TorchDewarper\(",
+    "gradients": r"om\.torch\.differentiable\(",
+    "plots": r"om\.plot\.\w+\(.*ax=",
+    "data frames": r"\.to_dataframe\(\)",
+    "xarray": r"\.to_xarray\(\)",
+    "schemas": r"om\.schema\(",
+    "logging": r"logging\.getLogger\(\"omnimirror",
+    "warnings": r"om\.OmnimirrorWarning",
+    "callbacks": r"on_progress=",
+    "ROS bags": r"om\.dewarp_bag\(",
+    "Blender": r"rays .*--format blender",
+    "Mitsuba": r"mi\.load_dict\(",
+    "COLMAP": r"pycolmap\.Database",
+    "OBS": r"maps .*--format obs",
+    "GStreamer": r"maps .*--format gstreamer",
+}
+"""Interfaces to other packages and programs, and their examples that this module executes."""
+EXECUTED_BY = {
+    "GStreamer element": ("interop/test_gstreamer.py", "test_documented_pipelines"),
+    "gateway": ("interop/gateway/test_gateway.py", "test_documented_python_call_and_curl_commands"),
+    "video recorders, VLC": ("interop/gateway/test_gateway.py", "test_documented_configurations"),
+    "OpenCV": ("interop/view_maps/test_consumers.py", "test_documented_opencv_lines"),
+    "OpenImageIO": ("interop/view_maps/test_consumers.py", "test_documented_st_warp_line"),
+    "FFmpeg": ("interop/view_maps/test_consumers.py", "test_documented_ffmpeg_command"),
+    "Newton": ("interop/ray_tables/test_programs.py", "test_newton_depths"),
+}
+"""Interfaces whose documented lines are executed by other tests with the program."""
+
+
+@pytest.mark.parametrize("interface", EXAMPLES)
+def test_interfaces_have_executed_examples(interface):
+    executed = [block for page in PAGES for block in blocks(page, "(?:python|console)")]
+    assert any(re.search(EXAMPLES[interface], block) for block in executed)
+
+
+@pytest.mark.parametrize("interface", EXECUTED_BY)
+def test_lines_for_other_programs_are_executed(interface):
+    path, test = EXECUTED_BY[interface]
+    assert f"\ndef {test}" in (ROOT / "tests" / path).read_text(encoding="utf-8")
 
 
 def headings(page: Path) -> set[str]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 
 import omnimirror as om
 from omnimirror.interop.pinholes import camera_rig
 from omnimirror.simulation.rendering import expose
+from tests.interop.documentation import unmarked_code
 from tests.interop.ray_tables.box import Box, colours, first_hits
-from tests.interop.view_maps.consumers import warped
 from tests.simulation.test_mitsuba_images import MISALIGNED, compare_images, small
 
 WIDTH = 1024
@@ -25,7 +27,12 @@ def test_warped_panorama_equals_the_image_of_the_sensor(tmp_path):
     columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in view.size))
     panorama = colours(first_hits(virtual_camera.position_mm, view.targets_at(columns, rows)))
     (exported,) = om.write_maps(sensor, view, tmp_path / "room.exr", formats="stmap")
-    warped_image = warped(oiio, panorama, exported.paths[1])
+    oiio.ImageBuf(panorama.astype(np.float32)).write(str(tmp_path / "panorama.exr"))
+    assert exported.paths[1].name == "room-warp.exr"
+    names = {"oiio": oiio}
+    with contextlib.chdir(tmp_path):
+        exec(unmarked_code("Panoramas", "##"), names)
+    warped_image = names["image"].get_pixels("float")
     decibels, shift = compare_images(
         sensor, expose(sensor, Box(), samples=4), warped_image.astype(np.float32)
     )

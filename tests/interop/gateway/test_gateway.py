@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -52,6 +54,8 @@ VIEWS = {
         "around", "panorama", {"size": (320, 64), "elevation_deg": (-50.0, 20.0)}
     ),
 }
+PAGE = (Path(__file__).parents[3] / "docs" / "gateway.md").read_text(encoding="utf-8")
+DOCUMENTED_VIEWS = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
 PLAYERS = {"mjpg": "mpjpeg", "ts": "mpegts", "m3u8": "hls"}
 """FFmpeg format names by URL suffix."""
 
@@ -440,13 +444,15 @@ def addresses_of(configuration):
 
 
 def test_documented_configurations_of_recorders_open_the_views(film, camera):
-    page = (Path(__file__).parents[3] / "docs/gateway.md").read_text(encoding="utf-8")
-    views = tomllib.loads(re.search(r"```toml\n(.*?)```", page, re.DOTALL)[1])
+    views = tomllib.loads(DOCUMENTED_VIEWS)
     configurations = [
-        yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+        yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     ]
     assert len(configurations) == 3
     addresses = [a for c in configurations for a in addresses_of(c).items()]
+    players = re.findall(r"^    (?:ffplay|vlc) (http://\S+/(\w+)\.ts)$", PAGE, re.MULTILINE)
+    assert len(players) == 2
+    addresses += [(name, url) for url, name in players]
     served_views = {name: parse_view(name, table) for name, table in views.items()}
     gateway = Gateway(str(film), False, camera, served_views, workers=2)
     with served(create_app(gateway, "TOKEN")) as address:
@@ -457,6 +463,41 @@ def test_documented_configurations_of_recorders_open_the_views(film, camera):
             with av.open(local, timeout=300) as player:
                 frame = next(player.decode(video=0))
             assert [frame.width, frame.height] == views[name]["size"]
+
+
+def test_documented_python_call_and_curl_commands(tmp_path):
+    """Serve the documented views by the documented call, and turn one of them, whose zoom requires
+    1024 px."""
+    (call,) = re.findall(r"^om\.serve_views.*$", PAGE, re.MULTILINE)
+    curl_commands = re.findall(r"^    (curl .*)$", PAGE, re.MULTILINE)
+    assert len(curl_commands) == 2
+    om.save_sensor(om.load_sensor("paper-spherical"), tmp_path / "mine.toml")
+    (tmp_path / "views.toml").write_text(DOCUMENTED_VIEWS)
+    with VideoWriter(tmp_path / "room.ts", (1024, 1024), 25) as video:
+        for _ in range(10):
+            video.write(frame_of_image(np.full((1024, 1024, 3), 128, np.uint8)))
+    port = str(free_port())
+    call = call.replace("rtsp://roof/1", "room.ts").replace("8090", port)
+    with subprocess.Popen(
+        [sys.executable, "-c", f"import omnimirror as om\n{call}"],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    ) as process:
+        try:
+            assert f"http://127.0.0.1:{port}/" in process.stdout.readline()
+            image = httpx.get(f"http://127.0.0.1:{port}/door.jpg", timeout=300).content
+            assert decoded_image(image).shape == (360, 640, 3)
+            if not shutil.which("curl"):
+                pytest.skip("curl is not installed")
+            pans = []
+            for line in curl_commands:
+                words = shlex.split(line.replace("8090", port))
+                answer = subprocess.run([*words, "-sS"], capture_output=True, text=True).stdout
+                pans.append(json.loads(answer).get("pan_deg", answer))
+            assert pans == [40, 35]
+        finally:
+            process.kill()
 
 
 def test_segments_need_no_password(gateway):

@@ -1,10 +1,13 @@
 """Compute the depths of exported rays in the box; run by a Python with Newton.
 
-in_newton.py RAYS.npy DEPTHS.npy
+in_newton.py RAYS.npy DEPTHS.npy CODE.py
+
+CODE.py contains the lines of the documentation that compute ``depth``.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -19,32 +22,35 @@ AHEAD = wp.mat33(0.0, 0.0, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """Columns: right, up and back of the camera in a world with x ahead, y left and z up."""
 
 
-def main(rays, depths):
+def main(rays, depths, code):
     builder = newton.ModelBuilder()
     for corners in box.walls():
-        triangles = np.array([0, 1, 2, 0, 2, 3], np.int32)
+        both_sides = np.array([0, 1, 2, 0, 2, 3, 0, 2, 1, 0, 3, 2], np.int32)
         builder.add_shape_mesh(
-            body=-1, mesh=newton.Mesh((corners / 1000).astype(np.float32), triangles)
+            body=-1, mesh=newton.Mesh((corners / 1000).astype(np.float32), both_sides)
         )
     model = builder.finalize(device="cpu")
-    field = np.load(rays)
-    height, width = field.shape[:2]
-    transform = wp.array(
+    transforms = wp.array(
         [wp.transform(wp.vec3(), wp.quat_from_matrix(AHEAD))], dtype=wp.transformf, device="cpu"
     )
-    depth = wp.zeros((1, height, width), dtype=wp.float32, device="cpu")
     if hasattr(newton.sensors, "SensorCamera"):
-        camera = newton.sensors.SensorCamera(model)
-    else:  # of older releases: one camera in one world
-        camera = newton.sensors.SensorTiledCamera(model)
-        field = field[None, :, :, 0]
-        transform, depth = transform.reshape((1, 1)), depth.reshape((1, 1, height, width))
-    camera.default_render_config.enable_backface_culling = False
-    camera.update(
-        model.state(), transform, wp.array(field, dtype=wp.vec3f, device="cpu"), depth_image=depth
-    )
-    np.save(depths, depth.numpy().reshape(height, width))
+        names = globals() | {"model": model, "state": model.state(), "transforms": transforms}
+        os.chdir(Path(rays).parent)
+        exec(Path(code).read_text(), names)
+        depth = names["depth"]
+    else:
+        depth = depths_before_1_7(model, np.load(rays), transforms)
+    np.save(depths, depth.numpy().squeeze())
     Path(depths).with_name("version.txt").write_text(newton.__version__)
+
+
+def depths_before_1_7(model, rays, transforms):
+    """Return the depths by the older sensor, which has dimensions for cameras and worlds."""
+    camera = newton.sensors.SensorTiledCamera(model)
+    field = wp.array(rays[None, :, :, 0], dtype=wp.vec3f, device="cpu")
+    depth = wp.zeros((1, 1, *rays.shape[:2]), dtype=wp.float32, device="cpu")
+    camera.update(model.state(), transforms.reshape((1, 1)), field, depth_image=depth)
+    return depth
 
 
 main(*sys.argv[1:])

@@ -48,7 +48,7 @@ def mitsuba_image(mi, script, size):  # noqa: F811
         "sampler": {"type": "stratified", "sample_count": RAYS},
     }
     scene = {f"wall{i}": wall(mi, corners) for i, corners in enumerate(walls())}
-    scene |= {"type": "scene", "integrator": {"type": "path", "max_depth": 1}, "camera": camera}
+    scene |= {"type": "scene", "integrator": {"type": "path", "max_depth": 2}, "camera": camera}
     return np.array(mi.render(mi.load_dict(scene), spp=RAYS))
 
 

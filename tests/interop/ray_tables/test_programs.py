@@ -17,6 +17,7 @@ import pytest
 import omnimirror as om
 from omnimirror.optics.mirrors.mirror import MirrorPose
 from omnimirror.simulation.rendering import expose
+from tests.interop.documentation import unmarked_code
 from tests.interop.ray_tables.box import Box, first_hits
 from tests.simulation.test_mitsuba_images import MISALIGNED, compare_images, grey_levels, small
 
@@ -70,7 +71,8 @@ def test_blender_image(name, pose, blender, tmp_path, beside):
 def test_newton_depths(tmp_path, beside):
     sensor = small("paper-spherical", 128, MISALIGNED)
     om.write_rays(sensor, tmp_path / "rays.npy", formats="newton")
-    run_in("newton", tmp_path / "rays.npy", tmp_path / "depths.npy")
+    (tmp_path / "code.py").write_text(unmarked_code("Newton", "##"))
+    run_in("newton", tmp_path / "rays.npy", tmp_path / "depths.npy", tmp_path / "code.py")
     depths, table = 1000 * np.load(tmp_path / "depths.npy"), om.ray_table(sensor)
     on = table.weights > 0
     origins, directions = table.origins[on], table.directions[on]

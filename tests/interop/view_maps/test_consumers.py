@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import json
-import re
 import runpy
+import shlex
 import shutil
 import subprocess
 from dataclasses import replace
 from functools import reduce
 from itertools import accumulate
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -23,6 +22,7 @@ from omnimirror.base.errors import InvalidParameter
 from omnimirror.interop.view_maps import MAP_FORMATS
 from omnimirror.optics.mirrors.mirror import MirrorPose
 from tests.apps.studio.browser import FLAGS
+from tests.interop.documentation import shell_command, unmarked_code
 from tests.interop.view_maps.consumers import (
     by_micropython,
     compiled,
@@ -171,6 +171,30 @@ def test_ffmpeg_samples_the_nearest_pixel(image, tmp_path, beside):
     assert 0.5 < exported.deviation.size <= np.sqrt(0.5)
 
 
+def test_documented_ffmpeg_command(image, tmp_path):
+    """Frames of a video by the program; H.264 changes edges by some grey levels."""
+    pytest.importorskip("av")
+    if not shutil.which("ffmpeg"):
+        pytest.skip("FFmpeg is not installed: make programs")
+    from omnimirror.io.video_frames import frame_of_image, image_of_frame
+    from omnimirror.io.video_reader import VideoReader
+    from omnimirror.io.video_writer import VideoWriter
+
+    paths = export("ffmpeg", tmp_path).paths
+    expected = remapped(paths, image)
+    with VideoWriter(tmp_path / "ride.mp4", image.shape[1::-1], 25, crf=8) as video:
+        for _ in range(5):
+            video.write(frame_of_image(image))
+    run = subprocess.run(
+        shlex.split(shell_command("FFmpeg")), cwd=tmp_path, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+    frames = VideoReader(str(tmp_path / "view.mp4"), with_audio=False).frames()
+    views = [image_of_frame(frame).astype(float) for frame in frames]
+    assert len(views) == 5
+    assert max(np.abs(view - expected).mean() for view in views) < 4
+
+
 def test_ffmpeg_error_is_reduced_by_downscaling_a_larger_view(image, interior, tmp_path):
     pytest.importorskip("av")
     expected = om.Dewarper(SENSOR, AHEAD)(image).astype(float)
@@ -199,7 +223,6 @@ CROPPED_VIEWS = {
     "plane": om.screens.Plane((320, 240), tilt_deg=-10.0, hfov_deg=100.0),
     "panorama": om.screens.Cylinder((360, 120), -60.0, 30.0),
 }
-PAGE = Path(__file__).parents[3] / "docs" / "interoperability.md"
 
 
 @pytest.fixture(scope="module")
@@ -211,10 +234,8 @@ def bright():
 
 def documented_views(heading, folder, **names):
     """Run the code below a heading of the documentation; yield the value of ``view`` after each line."""
-    section = PAGE.read_text(encoding="utf-8").split(f"\n### {heading}\n")[1].split("\n### ")[0]
-    (code,) = [text for kind, text in re.findall(r"(?ms)^```(\w*)\n(.*?)^```", section) if not kind]
     with contextlib.chdir(folder):
-        for line in code.splitlines():
+        for line in unmarked_code(heading).splitlines():
             exec(line, names)
             if line.startswith("view = "):
                 yield names["view"]

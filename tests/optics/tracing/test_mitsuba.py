@@ -47,10 +47,10 @@ def meshed(mi, sensor, rings, spokes):
     inner, outer = 1 + ring * spokes + spoke, 1 + (ring + 1) * spokes + spoke
     next_inner, next_outer = np.roll(inner, -1, axis=1), np.roll(outer, -1, axis=1)
     quads = [
-        np.stack([inner, outer, next_outer], -1),
-        np.stack([inner, next_outer, next_inner], -1),
+        np.stack([inner, next_outer, outer], -1),
+        np.stack([inner, next_inner, next_outer], -1),
     ]
-    fan = np.stack([np.zeros_like(spoke), 1 + spoke, 1 + np.roll(spoke, -1)], -1)
+    fan = np.stack([np.zeros_like(spoke), 1 + np.roll(spoke, -1), 1 + spoke], -1)
     faces = np.concatenate([fan, *(q.reshape(-1, 3) for q in quads)])
     mesh = mi.Mesh("mirror", len(points), len(faces), has_vertex_normals=True)
     parameters = mi.traverse(mesh)
