@@ -25,9 +25,9 @@ AHEAD = wp.mat33(0.0, 0.0, -1.0, -1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 def main(rays, depths, code):
     builder = newton.ModelBuilder()
     for corners in box.walls():
-        both_sides = np.array([0, 1, 2, 0, 2, 3, 0, 2, 1, 0, 3, 2], np.int32)
+        triangles = np.array([0, 1, 2, 0, 2, 3], np.int32)
         builder.add_shape_mesh(
-            body=-1, mesh=newton.Mesh((corners / 1000).astype(np.float32), both_sides)
+            body=-1, mesh=newton.Mesh((corners / 1000).astype(np.float32), triangles)
         )
     model = builder.finalize(device="cpu")
     transforms = wp.array(
@@ -47,6 +47,7 @@ def main(rays, depths, code):
 def depths_before_1_7(model, rays, transforms):
     """Return the depths by the older sensor, which has dimensions for cameras and worlds."""
     camera = newton.sensors.SensorTiledCamera(model)
+    camera.default_render_config.enable_backface_culling = False
     field = wp.array(rays[None, :, :, 0], dtype=wp.vec3f, device="cpu")
     depth = wp.zeros((1, 1, *rays.shape[:2]), dtype=wp.float32, device="cpu")
     camera.update(model.state(), transforms.reshape((1, 1)), field, depth_image=depth)
