@@ -288,6 +288,8 @@ def test_compressed_data_is_limited():
     assert decompress(parts, 1000) == decompress(parts + bytes(9), 1000) == 600 * b"a" + 400 * b"b"
     with pytest.raises(ValueError, match="the content must be"):
         decompress(parts, 999)
+    with pytest.raises(ValueError, match="at most 1000 gzip streams"):
+        decompress(gzip.compress(b"") * 1001, 1000)
     for data, limit, reason in [
         (packed, 999, "the content must be at most 999 bytes; reduce or split it"),
         (packed[:-5], 1000, "truncated data"),

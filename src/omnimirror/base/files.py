@@ -442,6 +442,8 @@ def _size_limit(max_bytes: int, size: int | None = None) -> str:
 
 
 GZIP_MAGIC = b"\x1f\x8b"
+MAX_GZIP_STREAMS = 1000
+"""Maximum number of consecutive gzip streams; the time is quadratic in their number."""
 
 
 def decompress(data: bytes, max_bytes: int) -> bytes:
@@ -453,10 +455,10 @@ def decompress(data: bytes, max_bytes: int) -> bytes:
     Raises
     ------
     ValueError
-        If the stream is damaged or truncated, or exceeds the limit.
+        If a stream is damaged or truncated, or the content exceeds a limit.
     """
     content = b""
-    while True:
+    for _ in range(MAX_GZIP_STREAMS):
         stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # 32: detect zlib or gzip from the header
         try:
             content += stream.decompress(data, max_bytes + 1 - len(content))
@@ -469,6 +471,7 @@ def decompress(data: bytes, max_bytes: int) -> bytes:
         data = stream.unused_data
         if not data.startswith(GZIP_MAGIC):
             return content
+    raise ValueError(f"the content must have at most {MAX_GZIP_STREAMS} gzip streams")
 
 
 def parse_json(text: str | bytes) -> Any:
