@@ -85,7 +85,7 @@ def order(version: str) -> list[int]:
     return [int(number) for number in re.findall(r"\d+", version)]
 
 
-def measured(comparisons: Iterable[Comparison]) -> dict[str, dict[str, Release]]:
+def comparisons_by_release(comparisons: Iterable[Comparison]) -> dict[str, dict[str, Release]]:
     """Return the comparisons of this run by program and version."""
     cases: dict[tuple[str, str, str], list[Comparison]] = {}
     for each in comparisons:
@@ -103,7 +103,7 @@ def measured(comparisons: Iterable[Comparison]) -> dict[str, dict[str, Release]]
     return programs
 
 
-def parsed(text: str) -> dict[str, dict[str, Release]]:
+def parse_page(text: str) -> dict[str, dict[str, Release]]:
     """Return the comparisons of a page by program and version."""
     programs = {}
     for program, section in SECTION.findall(text):
@@ -123,8 +123,8 @@ def page(comparisons: Iterable[Comparison], before: str) -> str:
 
     Quantities that are not compared in this run remain; delete a section to remove renamed ones.
     """
-    programs = parsed(before)
-    for program, releases in measured(comparisons).items():
+    programs = parse_page(before)
+    for program, releases in comparisons_by_release(comparisons).items():
         known = programs.get(program, {})
         for version, (date, rows) in releases.items():
             earlier = known[version].rows if version in known else {}

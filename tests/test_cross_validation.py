@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests import program_releases
-from tests.cross_validation import PROGRAMS, Comparison, page, parsed
+from tests.cross_validation import PROGRAMS, Comparison, page, parse_page
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "cross-validation.md"
@@ -30,7 +30,7 @@ def test_page_keeps_the_oldest_and_the_newest_release():
     for version, deviation in (("4.9.1", 0.1), ("4.10.0", 0.2), ("4.1.0", 0.3), ("4.2.1", 0.4)):
         text = page(compared(version, deviation), text)
     assert "| points | 0.3 px (1) | 0.2 px (1) | 0.5 px |" in text.splitlines()
-    assert list(parsed(text)["COLMAP"]) == ["4.1.0", "4.10.0"]
+    assert list(parse_page(text)["COLMAP"]) == ["4.1.0", "4.10.0"]
 
 
 def test_new_comparisons_replace_those_of_the_same_release_only():
@@ -51,7 +51,7 @@ def test_exact_comparisons_have_a_tolerance_of_zero():
 
 def test_documented_page_lists_all_programs():
     text = PAGE.read_text(encoding="utf-8")
-    assert list(parsed(text)) == list(PROGRAMS)
+    assert list(parse_page(text)) == list(PROGRAMS)
     assert page([], text) == text
 
 

@@ -196,14 +196,14 @@ def _worst(name: str, values: Array) -> float | None:
 def _yield_result(
     statistics: YieldStatistics, merit: str, rows: tuple[SingleErrorEffect, ...]
 ) -> YieldResult:
-    of = statistics.yields
-    median, upper = (finite(statistics.quantile(merit, share)) for share in (0.5, 0.95))
+    yields = statistics.yields
+    median, upper = (finite(statistics.quantile(merit, fraction)) for fraction in (0.5, 0.95))
     return YieldResult(
         trials=statistics.trials,
         lost=statistics.lost,
-        fraction=of.value,
-        low=of.low,
-        high=of.high,
+        fraction=yields.value,
+        low=yields.low,
+        high=yields.high,
         median=median,
         quantile_95=upper,
         rows=rows,

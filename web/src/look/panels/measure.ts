@@ -114,9 +114,9 @@ export class MeasurePanel {
     if (!this.place) return;
     const { left, top, width, height } = this.place;
     const isFirst = this.pixels.length % 2 === 0;
-    const candidates = [0.5, 0.25, 0.75, 0.1, 0.9].map((share): Pixel => [
+    const candidates = [0.5, 0.25, 0.75, 0.1, 0.9].map((fraction): Pixel => [
       left + (isFirst ? 0.4 : 0.6) * width,
-      top + share * height,
+      top + fraction * height,
     ]);
     if (!candidates.some((position) => this.add(position)))
       return say("The centre of the view is outside the field of view of the sensor.");
