@@ -55,7 +55,7 @@ offset_mm = [100, 0, 0]
         ("[a]\nsteerable = 1", "steerable must be true or false; got 1"),
         (
             "[a]\nheight_mm = 7",
-            "options of a perspective view must be from size, pan_deg.*; got 'height_mm'",
+            "options of a perspective view must be from view, size, pan_deg.*; got 'height_mm'",
         ),
         (
             "[a]\nview = 'panorama'\nsteerable = true",

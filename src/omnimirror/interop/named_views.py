@@ -76,7 +76,7 @@ class NamedView:
         valid = _options(self.kind)
         if unknown := next((name for name in self.options if name not in valid), None):
             raise InvalidParameter(
-                f"options of a {self.kind} view must be from {', '.join(valid)}; got {unknown!r}"
+                f"options of a {self.kind} view must be from view, {', '.join(valid)}; got {unknown!r}"
                 f"{did_you_mean(unknown, valid)}"
             )
         required = [name for name, p in valid.items() if _is_required(p)]
