@@ -382,16 +382,19 @@ if not TYPE_CHECKING:  # type checkers see the names above and must reject all o
 
     def __getattr__(name: str) -> Any:
         if name in _MODULES:
-            return import_module(f".{_MODULES[name]}", __name__)
-        if name in _HOMES:
+            value = import_module(f".{_MODULES[name]}", __name__)
+        elif name in _HOMES:
             try:
-                return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+                value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
             except (ImportError, AttributeError) as error:
                 explained = import_module(".base.errors", __name__).explain_import_error(error)
                 if explained is error:
                     raise
                 raise explained from None
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        else:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = value  # later uses do not call this function
+        return value
 
 
 def __dir__() -> list[str]:
