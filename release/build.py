@@ -28,9 +28,9 @@ VENV_PACKAGES = {"pip", "setuptools"}  # installed by venv, not dependencies
 # Code that requires each extra.
 CLI_CALL = "from omnimirror.apps.cli import main; main({!r}.split())"
 EXTRAS = {
-    "video": "import omnimirror.io.video, av",
+    "video": "import omnimirror.io.video_reader, av",
     "exr": CLI_CALL.format("simulate paper-spherical --samples 1 -o image.exr"),
-    "design": "import omnimirror.design.optimise, pymoo, pyarrow",
+    "design": "import omnimirror.design.pareto_front, pymoo, pyarrow",
     "cluster": "import omnimirror.interop.batch, distributed, fsspec, s3fs, zarr, pyarrow",
     "cad": CLI_CALL.format("export paper-spherical --formats step,stl,dxf -o workshop"),
     "metrology": "import omnimirror.manufacturing.metrology, SurfaceTopography",

@@ -72,6 +72,19 @@ def test_extra_all_contains_the_runtime_extras():
     assert names == sorted({*extras} - DEVELOPMENT_EXTRAS - {"all"})
 
 
+def test_code_that_requires_an_extra_imports_existing_modules():
+    """`make release` runs the code of each extra; it downloads 2 GB and is not part of the tests."""
+    spec = importlib.util.spec_from_file_location("release_build", ROOT / "release" / "build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    build = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(build)
+    assert {*build.EXTRAS} == {*PROJECT["optional-dependencies"]} - DEVELOPMENT_EXTRAS - {"all"}
+    modules = re.findall(r"omnimirror\.[\w.]+", " ".join(build.EXTRAS.values()))
+    assert len(modules) > 5
+    assert all(importlib.util.find_spec(name.removesuffix(".")) for name in modules)
+
+
 def test_links_of_the_readme_are_absolute_on_an_index():
     metadata = PYPROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
     assert metadata["fragments"] == [{"path": "README.md"}]

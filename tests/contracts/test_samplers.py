@@ -278,6 +278,8 @@ def decided(image: np.ndarray, pixels: np.ndarray, kernel: str) -> np.ndarray:
 # ----------------------------------------------------------------------------------
 
 TOLERANCE = {"uint8": 1.5, "uint16": 6.0, "float32": 9e-5}
+IS_OPENCV_4 = cv2.__version__.startswith("4.")
+"""OpenCV 4 quantises fractions of a pixel to 1/32 in some of its implementations."""
 
 
 @cache
@@ -306,6 +308,8 @@ def test_samples_agree_with_interpolation_formulas(depth, channels, request, cas
             samples = remap(image, case.map, interpolation, border=border)
             assert samples.dtype == image.dtype
             tolerance = 0 if interpolation == "nearest" else TOLERANCE[depth]
+            if sampler == "opencv" and IS_OPENCV_4 and depth == "float32" and tolerance:
+                tolerance = 2e-3
             np.testing.assert_allclose(
                 samples[is_decided], expected[is_decided], rtol=0, atol=tolerance
             )
@@ -496,7 +500,7 @@ def test_chroma_is_interpolated_between_luma_pixels(is_paired, sitings, case, sa
     inner = is_inside & (pixels > 0).all(axis=-1) & (pixels < [across - 1, down - 1]).all(axis=-1)
     assert inner.mean() > 0.15
     expected = truth(colours, pixels, "linear", 0)
-    assert np.abs(chroma - expected)[inner].max() < 2
+    assert np.abs(chroma - expected)[inner].max() < (2.5 if IS_OPENCV_4 else 2)
     clear = is_outside & decided(luma, case.at(x, y), "linear")
     assert (chroma[clear] == (128, 129)).all()
     np.testing.assert_array_equal(planes[0], remap(luma, case.map, "linear", border=16))
@@ -567,4 +571,5 @@ def test_samplers_agree_on_photograph(interpolation, shared_data, uncompiled):
         difference = np.abs(
             compiled.astype(int) - om.Dewarper(ball, view, interpolation)(image)
         ).max(axis=-1)
-        assert (difference > 1).mean() < (2e-3 if interpolation == "nearest" else 2e-4)
+        share = 2e-3 if interpolation == "nearest" else 5e-3 if IS_OPENCV_4 else 2e-4
+        assert (difference > 1).mean() < share
