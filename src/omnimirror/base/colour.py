@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,18 @@ def linear_from_srgb(srgb: ArrayLike) -> Light:
     """
     s = np.asarray(srgb, dtype=np.float32)
     return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def linear_rgb(image: NDArray[Any]) -> Light:
+    """Return linear RGB (h, w, 3) of a grey, RGB or RGBA image: integers are sRGB, floats linear light.
+
+    >>> linear_rgb(np.array([[0, 188, 255]], np.uint8))[0, :, 0].round(2)
+    array([0. , 0.5, 1. ], dtype=float32)
+    """
+    rgb = image[..., :3] if image.ndim == 3 else image[..., None]
+    if image.dtype.kind == "u":
+        rgb = linear_from_srgb(rgb / np.float32(np.iinfo(image.dtype).max))
+    return np.broadcast_to(rgb, (*image.shape[:2], 3)).astype(np.float32)
 
 
 def srgb_bytes(linear: ArrayLike) -> SrgbImage:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import check_fields
 from ...base.caching import cached_property
-from ...base.colour import Light, linear_from_srgb
+from ...base.colour import Light, linear_rgb
 from ...base.errors import InvalidParameter, MediaError
 from ...base.native import backend, kernel_array
 from ...base.typing import Array
@@ -22,7 +21,6 @@ from ...io import read_image
 from .scene import rays_from
 
 MIN_ROWS = 4
-FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +103,7 @@ class Environment:
             raise MediaError(
                 f"{path}: an environment must have at least {2 * MIN_ROWS} x {MIN_ROWS} px; got {width} x {height} px"
             )
-        return cls(np.ascontiguousarray(gain * _linear(image), np.float32), heading_deg)
+        return cls(np.ascontiguousarray(gain * linear_rgb(image), np.float32), heading_deg)
 
     def radiance(self, origins_mm: ArrayLike, directions: ArrayLike) -> Light:
         """Return linear RGB (n, 3) in non-zero directions (n, 3), independent of the
@@ -172,11 +170,3 @@ class Environment:
     def native(self) -> object:
         """Compiled environment, without its heading."""
         return backend.kernels.Environment(kernel_array(self.light))
-
-
-def _linear(image: NDArray[Any]) -> Array | Light:
-    """Return linear RGB of an image as stored in files."""
-    rgb = image[..., :3] if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-    if image.dtype.name in FULL_SCALE:
-        return linear_from_srgb(rgb / FULL_SCALE[image.dtype.name])
-    return np.asarray(rgb)

@@ -1,0 +1,288 @@
+"""HDR light probes: equirectangular radiance maps from images of a mirror, and merged exposures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, rfft, rfftfreq
+
+from ..base.arguments import integer, number, validate_arguments
+from ..base.colour import Light, linear_rgb
+from ..base.errors import InvalidParameter, OutsideField
+from ..base.typing import Mask
+from ..cameras.camera import Camera
+from . import Dewarper, views
+from .interfaces import Image
+from .maps import PixelMap
+from .sampling import check_image, remap, with_alpha
+from .screens import Equirectangular
+from .view_geometry import annulus_of, field_of
+
+# -- Merged exposures ------------------------------------------------------------------------------
+
+SATURATION = 0.98
+"""Saturated fraction of full scale: cameras clip slightly below it, after white balance."""
+SHOULDER = 0.1
+"""Range below saturation, as a fraction of full scale, in which the weight falls to 0."""
+
+
+@validate_arguments
+def merge_exposures(images: Sequence[Image], exposures_s: Sequence[float]) -> Light:
+    """Merge images of one scene with different exposures into one radiance map.
+
+    Integers are linearised from sRGB. Pixels with a saturated channel are omitted; pixels that are
+    saturated in all images have the values of the shortest exposure.
+
+    Parameters
+    ----------
+    images : sequence of (h, w), (h, w, 3) or (h, w, 4) arrays
+        Images of uint8 or uint16, from the same position and with the same white balance.
+    exposures_s : s
+        Exposure time of each image; only their ratios have an effect.
+
+    Returns
+    -------
+    (h, w, 3) array, float32
+        Linear RGB on the scale of the first image, whose white is 1.
+
+    Raises
+    ------
+    InvalidParameter
+        If the images differ in size, contain floats, or have no exposure time each.
+
+    Notes
+    -----
+    An exposure of t seconds estimates the radiance L as y / t from the linear pixel value y. Its
+    error is proportional to 1 / t, and the least-squares estimate is L = sum(w t y) / sum(w t^2)
+    with the weight w of unsaturated pixels.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om
+    >>> long = np.full((1, 1, 3), 255, np.uint8)
+    >>> short = np.full((1, 1, 3), 188, np.uint8)  # half of the light of white
+    >>> om.merge_exposures([long, short], [1 / 15, 1 / 60])[0, 0].round(2)
+    array([2., 2., 2.], dtype=float32)
+    """
+    times = [number("exposures_s", time, above=0.0, unit="s") for time in exposures_s]
+    if not images or len(times) != len(images):
+        raise InvalidParameter(
+            f"exposures_s must contain one time per image; got {len(times)} for {len(images)} images"
+        )
+    for image in images:
+        if image.shape[:2] != images[0].shape[:2] or image.dtype.kind != "u":
+            raise InvalidParameter(
+                "images must have one size and the type uint8 or uint16; got "
+                f"{image.shape[1]} x {image.shape[0]} px of {image.dtype}, and first "
+                f"{images[0].shape[1]} x {images[0].shape[0]} px"
+            )
+    total = np.zeros((*images[0].shape[:2], 3), np.float32)
+    weights = np.zeros((*images[0].shape[:2], 1), np.float32)
+    for image, time in zip(images, times, strict=True):
+        share = time / max(times)
+        weight = _unsaturated(image) * np.float32(share)
+        total += weight * linear_rgb(image)
+        weights += weight * np.float32(share)
+    shortest = int(np.argmin(times))
+    clipped = linear_rgb(images[shortest]) * np.float32(max(times) / times[shortest])
+    merged = np.where(weights > 0, total / np.maximum(weights, np.float32(1e-30)), clipped)
+    return merged * np.float32(times[0] / max(times))
+
+
+def _unsaturated(image: Image) -> NDArray[np.float32]:
+    """Return the weight (h, w, 1) of each pixel: 0 if a channel is saturated, 1 below the shoulder."""
+    colours = image[..., :3] if image.ndim == 3 else image[..., None]
+    largest = colours.max(axis=-1, keepdims=True) / np.float32(np.iinfo(image.dtype).max)
+    weight: NDArray[np.float32] = ((SATURATION - largest) / SHOULDER).clip(0, 1)
+    return weight.astype(np.float32)
+
+
+# -- Light probe -----------------------------------------------------------------------------------
+
+SAMPLES = 2
+"""Samples per pixel of the image along each side: adjacent samples include every image pixel."""
+RIM_MARGIN_PX = 0.5
+"""Excluded margin of the image of the mirror: its pixels contain parts of the background."""
+FULL_COVERAGE = 0.999
+EDGE_PX = 5
+"""Diameter of the neighbourhood of hidden pixels, whose visible pixels they are filled from."""
+BAND_SAMPLES = 1 << 22
+"""Samples in a band of rows, which limits the memory to 64 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class LightProbe:
+    """Equirectangular radiance map of the full sphere.
+
+    Parameters
+    ----------
+    radiance : (h, 2 h, 3) array, float32
+        Linear RGB. The image centre is forward (or at ``pan_deg``), pan increases to the right, and
+        the first row is the zenith.
+    visible : (h, 2 h) array, bool
+        False where the mirror reflects no light to the camera, and the radiance is filled from the
+        edge of the visible part.
+    """
+
+    radiance: Light
+    visible: Mask
+
+    @property
+    def visible_fraction(self) -> float:
+        """Visible fraction of the sphere, by solid angle."""
+        height = len(self.visible)
+        weights = np.cos(np.pi * ((np.arange(height) + 0.5) / height - 0.5))
+        return float(weights @ self.visible.mean(axis=1) / weights.sum())
+
+
+@validate_arguments
+def light_probe(
+    image: Image,
+    camera: Camera,
+    *,
+    width_px: int | None = None,
+    pan_deg: float = 0.0,
+    reflectance: float | tuple[float, float, float] = 1.0,
+) -> LightProbe:
+    """Convert an image of a mirror ball to an HDR light probe for image-based lighting.
+
+    The result is an environment map as read by Blender, Unreal Engine and Mitsuba: equirectangular,
+    full sphere, linear light. Every pixel is a mean of bilinear samples, without the overshoot of
+    cubic interpolation, so that small bright lights keep their energy. The directions that are not
+    reflected to the camera, such as the blind cone behind a mirror ball, are filled smoothly from
+    the edge of the visible part.
+
+    Parameters
+    ----------
+    image : (h, w), (h, w, 3) or (h, w, 4) array
+        Image of the camera: uint8 or uint16 in sRGB, or floats in linear light. Alpha is ignored.
+    camera
+        Camera of the image with its mount, such as :class:`omnimirror.MirrorBall` or a sensor.
+    width_px
+        Width of the map, an even number; its height is half of it. By default the mean resolution
+        of the image.
+    pan_deg
+        Direction of the image centre, deg right of forward.
+    reflectance
+        Reflectance of the mirror, above 0 to 1, or one for each of red, green and blue; the
+        radiance is divided by it.
+
+    Returns
+    -------
+    LightProbe
+        Radiance map, and the mask of its visible part.
+
+    Raises
+    ------
+    InvalidParameter
+        If the image does not match the camera, contains values that are not finite, or an argument
+        is outside its range.
+
+    Examples
+    --------
+    A mirror ball in a grey room, and its map as a file for Blender:
+
+    >>> import numpy as np, omnimirror as om, tempfile
+    >>> ball = om.MirrorBall(centre_px=(127.5, 127.5), rim_radius_px=120.0, field_deg=340.0, image_size=(256, 256))
+    >>> probe = om.light_probe(np.full((256, 256, 3), 188, np.uint8), ball, width_px=128, reflectance=0.8)
+    >>> probe.radiance.shape, probe.radiance[10, 10].round(2), round(probe.visible_fraction, 2)
+    ((64, 128, 3), array([0.63, 0.63, 0.63], dtype=float32), 0.96)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     om.write_image(f"{folder}/probe.hdr", probe.radiance)
+    """
+    check_image(image, camera.image_size)
+    factors = reflectance if isinstance(reflectance, tuple) else (reflectance,) * 3
+    for factor in factors:
+        number("reflectance", factor, above=0.0, high=1.0)
+    if width_px is not None and (integer("width_px", width_px, 8) % 2):
+        raise InvalidParameter(f"width_px must be even; got {width_px}")
+    width, height = views.sphere(camera, (width_px, None), pan_deg=pan_deg).size
+    light = with_alpha(linear_rgb(image))
+    light[~_mirror_pixels(camera)] = 0.0
+    if not np.isfinite(light).all():
+        raise InvalidParameter("the image must contain finite values on the mirror")
+    means = _means(light, camera, (width, height), pan_deg)
+    visible = means[..., 3] > FULL_COVERAGE
+    radiance = (means[..., :3] / np.asarray(factors, np.float32)).astype(np.float32)
+    if not visible.all():
+        hidden = (~visible).astype(np.uint8)
+        edge = visible & (cv2.dilate(hidden, np.ones((EDGE_PX, EDGE_PX), np.uint8)) > 0)
+        radiance[~visible] = _filled(radiance, edge.astype(np.float32))[~visible]
+    return LightProbe(radiance, visible)
+
+
+def _means(light: Light, camera: Camera, size: tuple[int, int], pan_deg: float) -> Light:
+    """Return means of bilinear samples (h, w, 4) over the pixels of a spherical map, in bands of rows."""
+    width, height = size
+    side = int(np.ceil(SAMPLES * 360.0 * field_of(camera).pixels_per_degree / width))
+    means = np.zeros((height, width, 4), np.float32)
+    rows = max(1, BAND_SAMPLES // (side**2 * width))
+    for top in range(0, height, rows):
+        bottom = min(top + rows, height)
+        low, high = (90.0 - 180.0 * row / height for row in (bottom, top))
+        screen = Equirectangular((side * width, side * (bottom - top)), low, high, pan_deg)
+        with suppress(OutsideField):  # rows without visible pixels
+            samples = Dewarper(camera, screen, "linear")(light)
+            means[top:bottom] = _area_means(samples, (width, bottom - top))
+    return means
+
+
+def _mirror_pixels(camera: Camera) -> Mask:
+    """Return the pixels (h, w) inside the image of the mirror, without those across its edge."""
+    width, height = camera.image_size
+    annulus = annulus_of(camera)
+    if annulus is None:
+        return np.ones((height, width), np.bool_)
+    rows, columns = np.ogrid[:height, :width]
+    radius = np.hypot(columns - annulus.u, rows - annulus.v)
+    is_hole = annulus.inner > 0
+    inside: Mask = radius <= annulus.outer - RIM_MARGIN_PX
+    return inside & (radius >= annulus.inner + RIM_MARGIN_PX) if is_hole else inside
+
+
+def _filled(light: Light, coverage: NDArray[np.float32]) -> Light:
+    """Fill the pixels of an equirectangular map that are not fully covered, by a pyramid of means.
+
+    Every level contains the means of the covered parts of 2 x 2 pixels, and is interpolated where
+    the finer level is not covered (pull-push): the distance over which the edge is averaged
+    increases with the distance from it.
+    """
+    height, width = coverage.shape
+    weighted = light * coverage[..., None]
+    if min(height, width) == 1:
+        mean = weighted.sum(axis=(0, 1)) / max(float(coverage.sum()), 1e-30)
+        return np.broadcast_to(mean, light.shape).astype(np.float32)
+    size = max(1, width // 2), max(1, height // 2)
+    parts, sums = _area_means(coverage, size), _area_means(weighted, size)
+    means = sums / np.maximum(parts, np.float32(1e-30))[..., None]
+    coarse = _filled(means.astype(np.float32, copy=False), parts)
+    columns = (np.arange(width) + 0.5) * size[0] / width - 0.5
+    rows = ((np.arange(height) + 0.5) * size[1] / height - 0.5).clip(0, size[1] - 1)
+    closed = np.concatenate([coarse[:, -1:], coarse, coarse[:, :1]], axis=1)  # periodic in pan
+    positions = np.stack(np.meshgrid(columns + 1, rows), axis=-1)
+    smooth = _smoothed_rows(remap(closed, PixelMap(positions, (size[0] + 2, size[1]))))
+    filled: Light = weighted + (1 - coverage[..., None]) * smooth
+    return filled
+
+
+def _area_means(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """Reduce an image to a size (width, height) by means over areas."""
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
+
+
+def _smoothed_rows(light: Light) -> Light:
+    """Smooth rows of an equirectangular map by Gaussians with a standard deviation of one pixel at the
+    horizon, and of the same angle elsewhere, so that values converge at the poles.
+    """
+    height, width = light.shape[:2]
+    sigma_px = 1 / np.cos(np.pi * ((np.arange(height) + 0.5) / height - 0.5))
+    # Fourier transform of a Gaussian: exp(-2 pi^2 sigma^2 f^2) at the frequency f per pixel
+    gains = np.exp(-2 * (np.pi * np.outer(sigma_px, rfftfreq(width))) ** 2)
+    spectrum = rfft(light, axis=1) * gains[..., None].astype(np.float32)
+    smooth: Light = irfft(spectrum, width, axis=1)
+    return smooth
