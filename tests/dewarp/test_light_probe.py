@@ -80,15 +80,15 @@ def probe(image, ball):
 def test_radiance_by_direction(probe):
     directions = map_directions(*probe.visible.shape)
     away = np.degrees(np.arccos(directions[..., 0].clip(-1, 1)))  # from the blind direction
-    error = abs(probe.radiance / radiance(directions) - 1)[away > 25]
-    assert probe.visible[away > 25].all()
-    assert error.max() < 0.03
-    assert np.median(error) < 2e-3
+    error = abs(probe.radiance / radiance(directions) - 1)[away > 10]
+    assert probe.visible[away > 10].all()
+    assert error.max() < 0.02
+    assert np.median(error) < 1e-4
     assert probe.radiance.max() == pytest.approx(LAMP_PEAK[0] + 0.66, rel=0.02)
 
 
 def test_energy(probe):
-    np.testing.assert_allclose(solid_angle_mean(probe.radiance), mean_radiance(), rtol=0.01)
+    np.testing.assert_allclose(solid_angle_mean(probe.radiance), mean_radiance(), rtol=1e-3)
 
 
 @pytest.mark.parametrize("lamp_px", [(300, 300), (420, 230), (520, 260)])
@@ -106,10 +106,10 @@ def test_blind_cone_is_filled_from_its_edge(probe):
     directions = map_directions(*probe.visible.shape)
     hidden = ~probe.visible
     assert 0.001 < hidden.mean() < 0.02
-    assert directions[hidden][:, 0].min() > np.cos(np.radians(15))  # behind the ball: ahead
+    assert directions[hidden][:, 0].min() > np.cos(np.radians(10))  # behind the ball: ahead
     # The exact radiance varies little within the cone; the background has 7.
     truth = radiance(directions[hidden])
-    assert abs(probe.radiance[hidden] / truth - 1).max() < 0.15
+    assert abs(probe.radiance[hidden] / truth - 1).max() < 0.04
 
 
 def test_filled_pole_has_one_value(image, ball):
@@ -223,5 +223,7 @@ def test_invalid_images(image, ball):
     assert np.isfinite(om.light_probe(broken, ball, width_px=64).radiance).all()
     with pytest.raises(InvalidParameter, match="one time per image"):
         om.merge_exposures([np.zeros((4, 4, 3), np.uint8)], [1.0, 2.0])
+    with pytest.raises(InvalidParameter, match="got int16"):
+        om.light_probe(np.zeros(image.shape, np.int16), ball)
     with pytest.raises(InvalidParameter, match="uint8 or uint16"):
         om.merge_exposures([image], [1.0])

@@ -369,6 +369,24 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         },
     ),
     "ground_truth": (ground_truth, {"camera": SENSOR, "scene": ROOM, "radiometry": None}),
+    "light_probe": (
+        om.light_probe,
+        {
+            "image": IMAGE,
+            "camera": SENSOR,
+            "width_px": 64,
+            "pan_deg": 0.0,
+            "reflectance": 0.9,
+        },
+    ),
+    "LightProbe": (
+        om.LightProbe,
+        {"radiance": np.ones((8, 16, 3), np.float32), "visible": np.ones((8, 16), np.bool_)},
+    ),
+    "merge_exposures": (
+        om.merge_exposures,
+        {"images": [IMAGE, IMAGE], "exposures_s": [0.1, 0.01]},
+    ),
     "merge_bracket": (
         om.merge_bracket,
         {

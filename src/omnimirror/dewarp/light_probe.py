@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,18 +14,20 @@ from scipy.fft import irfft, rfft, rfftfreq
 
 from ..base.arguments import integer, number, validate_arguments
 from ..base.colour import Light, linear_rgb
-from ..base.errors import InvalidParameter, OutsideField
+from ..base.errors import InvalidParameter, MediaError, OutsideField
 from ..base.typing import Mask
 from ..cameras.camera import Camera
+from ..io.images import format_of
 from . import Dewarper, views
 from .interfaces import Image
 from .maps import PixelMap
-from .sampling import check_image, remap, with_alpha
+from .sampling import check_image, check_kind, remap, with_alpha
 from .screens import Equirectangular
 from .view_geometry import annulus_of, field_of
 
 # -- Merged exposures ------------------------------------------------------------------------------
 
+MIN_EXPOSURE_S, MAX_EXPOSURE_S = 1e-7, 1e5
 SATURATION = 0.98
 """Saturated fraction of full scale: cameras clip slightly below it, after white balance."""
 SHOULDER = 0.1
@@ -53,7 +56,7 @@ def merge_exposures(images: Sequence[Image], exposures_s: Sequence[float]) -> Li
     Raises
     ------
     InvalidParameter
-        If the images differ in size, contain floats, or have no exposure time each.
+        If the images differ in size, are not uint8 or uint16, or have no exposure time each.
 
     Notes
     -----
@@ -69,17 +72,21 @@ def merge_exposures(images: Sequence[Image], exposures_s: Sequence[float]) -> Li
     >>> om.merge_exposures([long, short], [1 / 15, 1 / 60])[0, 0].round(2)
     array([2., 2., 2.], dtype=float32)
     """
-    times = [number("exposures_s", time, above=0.0, unit="s") for time in exposures_s]
-    if not images or len(times) != len(images):
+    times = [
+        number("exposures_s", time, low=MIN_EXPOSURE_S, high=MAX_EXPOSURE_S, unit="s")
+        for time in exposures_s
+    ]
+    if not times or len(times) != len(images):
         raise InvalidParameter(
             f"exposures_s must contain one time per image; got {len(times)} for {len(images)} images"
         )
     for image in images:
-        if image.shape[:2] != images[0].shape[:2] or image.dtype.kind != "u":
+        check_kind(image)
+        if image.dtype.kind != "u" or image.shape[:2] != images[0].shape[:2]:
             raise InvalidParameter(
-                "images must have one size and the type uint8 or uint16; got "
-                f"{image.shape[1]} x {image.shape[0]} px of {image.dtype}, and first "
-                f"{images[0].shape[1]} x {images[0].shape[0]} px"
+                "images must be uint8 or uint16 and have one size; got "
+                f"{image.shape[1]} x {image.shape[0]} px of {image.dtype} after "
+                f"{images[0].shape[1]} x {images[0].shape[0]} px of {images[0].dtype}"
             )
     total = np.zeros((*images[0].shape[:2], 3), np.float32)
     weights = np.zeros((*images[0].shape[:2], 1), np.float32)
@@ -104,15 +111,33 @@ def _unsaturated(image: Image) -> NDArray[np.float32]:
 
 # -- Light probe -----------------------------------------------------------------------------------
 
+PROBE_SUFFIXES = (".hdr", ".exr")
+"""File formats of radiance maps that programs read as environment maps."""
 SAMPLES = 2
 """Samples per pixel of the image along each side: adjacent samples include every image pixel."""
-RIM_MARGIN_PX = 0.5
-"""Excluded margin of the image of the mirror: its pixels contain parts of the background."""
-FULL_COVERAGE = 0.999
+MIN_RIM_MARGIN_PX = 0.5
+RIM_MARGIN = 0.0025
+"""Excluded margin of the image of the mirror, relative to its radius: photographs are blurred, and
+pixels near the edge contain light of the background."""
+MIN_COVERAGE = 0.5
+"""Minimum weight of the samples of a visible pixel that are on the mirror; others have no light."""
 EDGE_PX = 5
 """Diameter of the neighbourhood of hidden pixels, whose visible pixels they are filled from."""
 BAND_SAMPLES = 1 << 22
 """Samples in a band of rows, which limits the memory to 64 MB."""
+
+
+def check_probe_file(path: str | Path) -> None:
+    """Raise MediaError unless a file can be a light probe.
+
+    >>> check_probe_file("probe.hdr")
+    """
+    if Path(path).suffix.lower() not in PROBE_SUFFIXES:
+        raise MediaError(
+            f"the file of a light probe must be {' or '.join(PROBE_SUFFIXES)}, for values above 1; "
+            f"got {path}"
+        )
+    format_of(path)  # the package for its format may be missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +152,13 @@ class LightProbe:
     visible : (h, 2 h) array, bool
         False where the mirror reflects no light to the camera, and the radiance is filled from the
         edge of the visible part.
+
+    Examples
+    --------
+    >>> import numpy as np, omnimirror as om
+    >>> sky = np.arange(8) < 4  # the upper half of 8 rows
+    >>> om.LightProbe(np.ones((8, 16, 3), np.float32), np.tile(sky[:, None], 16)).visible_fraction
+    0.5
     """
 
     radiance: Light
@@ -196,6 +228,8 @@ def light_probe(
     ...     om.write_image(f"{folder}/probe.hdr", probe.radiance)
     """
     check_image(image, camera.image_size)
+    if image.dtype.kind not in "uf":
+        raise InvalidParameter(f"image must be uint8, uint16 or floats; got {image.dtype}")
     factors = reflectance if isinstance(reflectance, tuple) else (reflectance,) * 3
     for factor in factors:
         number("reflectance", factor, above=0.0, high=1.0)
@@ -207,8 +241,10 @@ def light_probe(
     if not np.isfinite(light).all():
         raise InvalidParameter("the image must contain finite values on the mirror")
     means = _means(light, camera, (width, height), pan_deg)
-    visible = means[..., 3] > FULL_COVERAGE
-    radiance = (means[..., :3] / np.asarray(factors, np.float32)).astype(np.float32)
+    coverage = means[..., 3:]
+    visible = coverage[..., 0] >= MIN_COVERAGE
+    mean_light = means[..., :3] / np.maximum(coverage, MIN_COVERAGE)
+    radiance = (mean_light / np.asarray(factors, np.float32)).astype(np.float32)
     if not visible.all():
         hidden = (~visible).astype(np.uint8)
         edge = visible & (cv2.dilate(hidden, np.ones((EDGE_PX, EDGE_PX), np.uint8)) > 0)
@@ -240,9 +276,10 @@ def _mirror_pixels(camera: Camera) -> Mask:
         return np.ones((height, width), np.bool_)
     rows, columns = np.ogrid[:height, :width]
     radius = np.hypot(columns - annulus.u, rows - annulus.v)
-    is_hole = annulus.inner > 0
-    inside: Mask = radius <= annulus.outer - RIM_MARGIN_PX
-    return inside & (radius >= annulus.inner + RIM_MARGIN_PX) if is_hole else inside
+    margin = max(MIN_RIM_MARGIN_PX, RIM_MARGIN * annulus.outer)
+    first = annulus.inner + margin if annulus.inner > 0 else 0.0
+    inside: Mask = (radius >= first) & (radius <= annulus.outer - margin)
+    return inside
 
 
 def _filled(light: Light, coverage: NDArray[np.float32]) -> Light:
@@ -260,7 +297,8 @@ def _filled(light: Light, coverage: NDArray[np.float32]) -> Light:
     size = max(1, width // 2), max(1, height // 2)
     parts, sums = _area_means(coverage, size), _area_means(weighted, size)
     means = sums / np.maximum(parts, np.float32(1e-30))[..., None]
-    coarse = _filled(means.astype(np.float32, copy=False), parts)
+    # An edge is a line, whose covered part of a pixel halves with each level: twice is complete.
+    coarse = _filled(means.astype(np.float32, copy=False), np.minimum(2 * parts, 1))
     columns = (np.arange(width) + 0.5) * size[0] / width - 0.5
     rows = ((np.arange(height) + 0.5) * size[1] / height - 0.5).clip(0, size[1] - 1)
     closed = np.concatenate([coarse[:, -1:], coarse, coarse[:, :1]], axis=1)  # periodic in pan

@@ -233,6 +233,10 @@ REPEATED: dict[str, tuple[tuple[str, ...], str]] = {
         ("measure", "paper-spherical", "700", "500", "500", "700"),
         "apps.cli.commands.measure:load_camera",
     ),
+    "probe": (
+        ("probe", "large/0.png", "--sensor", "paper-spherical", "-o", "a.hdr"),
+        "apps.cli.commands.probe:light_probe",
+    ),
     "convert": (
         ("convert", "paper-spherical", "-o", "a.yaml", "--to", "kalibr-ds", "--tolerance-px", "9"),
         "apps.cli.commands.convert:convert",

@@ -44,6 +44,7 @@ COMMANDS = {
     "compare": "Compare up to six sensors.",
     "simulate": "Render the images that a sensor would capture of a scene.",
     "dewarp": "Dewarp (undistort) images and videos of a mirror or fisheye camera.",
+    "probe": "Convert images of a mirror ball to an HDR light probe.",
     "batch": "Dewarp, restore or render image archives, on one machine or a cluster.",
     "view": "View an image, video or stream in the browser.",
     "studio": "Start the studio: view images and design sensors in the browser.",
