@@ -401,6 +401,17 @@ def test_exr_of_other_programs(tmp_path, compression, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+def test_exr_is_decoded_from_its_bytes(tmp_path, monkeypatch):
+    """Uploads have no file; another file of the same name in the working directory is not read."""
+    pytest.importorskip("OpenEXR", reason="pip install '.[exr]'")
+    monkeypatch.chdir(tmp_path)
+    image, other = image_of("float32", 3, (20, 30)), np.zeros((20, 30, 3), np.float32)
+    data = images.encode_image("a.exr", image)
+    np.testing.assert_array_equal(images.decode_image_and_metadata("a.exr", data)[0], image)
+    om.write_image("a.exr", other)
+    np.testing.assert_array_equal(images.decode_image_and_metadata("a.exr", data)[0], image)
+
+
 def test_exr_without_colour_channels_raises(tmp_path):
     library = pytest.importorskip("OpenEXR")
     header = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}

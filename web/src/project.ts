@@ -12,7 +12,7 @@ import {
 import type { Look } from "./look/look";
 import { fromHash, toHash } from "./shared/address";
 import * as api from "./shared/api";
-import { byId, save } from "./shared/dom";
+import { byId, closeOutside, save } from "./shared/dom";
 import { fail, say } from "./shared/notices";
 import { checkReadable } from "./shared/media";
 import { locals, parsed, put, sessions, load } from "./shared/storage";
@@ -52,11 +52,7 @@ export class ProjectMenu {
       if (file) background(this.try(() => this.open(file)));
       this.file.value = "";
     });
-    document.addEventListener(
-      "click",
-      (e) => !this.menu.contains(e.target as Node) && (this.menu.open = false),
-    );
-    this.menu.addEventListener("keydown", (e) => e.key === "Escape" && (this.menu.open = false));
+    closeOutside(this.menu);
     look.sources.projects = (file) => this.try(() => this.open(file));
   }
 

@@ -61,7 +61,7 @@ test("an image above the texture limit is displayed at reduced size", async () =
   const feed = await imageFeed(file, "large.jpg", true, 4096);
   expect([feed.width, feed.height]).toEqual([11600, 8700]);
   expect(feed.image).toMatchObject({ width: 4096, height: 3072 });
-  expect(feed.file).toBe(file); // the original, for export and detection
+  expect(await feed.original!()).toBe(file); // the original, for export and detection
   expect(requests).toEqual([]);
 });
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import struct
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ TILED_OR_MANY_PARTS = 0x200 | 0x1000
 
 
 def read_exr(path: Path, data: bytes) -> Image:
-    """Read the first part of an OpenEXR file with the bytes ``data``.
+    """Read the first part of an OpenEXR file with the bytes ``data``; ``path`` names it in messages.
 
     Returns
     -------
@@ -40,13 +41,16 @@ def read_exr(path: Path, data: bytes) -> Image:
     library = _library(path)
     if _is_truncated(data):  # the library would fill missing rows with grey and print messages
         raise MediaError(f"cannot read the image {path}: it is damaged or truncated")
-    try:
-        with library.File(str(path), separate_channels=True) as file:
-            # copied, since the memory belongs to the open file
-            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as e:  # RuntimeError, TypeError or a class of the library, by version
-        reason = str(e).strip().splitlines()[0]
-        raise MediaError(f"cannot read the image {path}: {reason}") from None
+    with tempfile.TemporaryDirectory(prefix="omnimirror-") as folder:
+        copy = Path(folder) / "image.exr"  # the library reads files only, and data can be an upload
+        copy.write_bytes(data)
+        try:
+            with library.File(str(copy), separate_channels=True) as file:
+                # copied, since the memory belongs to the open file
+                channels = {name: np.array(part.pixels) for name, part in file.channels().items()}
+        except Exception as e:  # RuntimeError, TypeError or a class of the library, by version
+            reason = str(e).strip().splitlines()[0].replace(str(copy), "the file")
+            raise MediaError(f"cannot read the image {path}: {reason}") from None
     names = next((n for n in ("RGBA", "RGB", "Y") if set(n) <= set(channels)), None)
     if names is None:
         raise MediaError(

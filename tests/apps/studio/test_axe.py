@@ -57,6 +57,11 @@ def drag_horizon(page, folder) -> None:
     page.wait_for_selector("#horizon:visible")
 
 
+def open_image_export(page, folder) -> None:
+    page.locator("#export summary").click()
+    page.get_by_role("button", name="Light probe as HDR").wait_for()
+
+
 def show_help(page, folder) -> None:
     page.locator("aside .glossary summary").click()
     page.get_by_role("button", name="Project").click()
@@ -96,6 +101,7 @@ STATES = (
     show_all_views,
     measure_points,
     drag_horizon,
+    open_image_export,
     show_help,
     open_design,
     compare_designs,

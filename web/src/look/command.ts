@@ -1,5 +1,6 @@
 import { fileWord as file, shellWord } from "../shared/shell";
 import { storedOrientation } from "../shared/api";
+import type { ViewRequest } from "../shared/messages";
 import type { State } from "../shared/state";
 import type { Feed } from "./feeds/feed";
 import type { Camera } from "./geometry/camera";
@@ -31,7 +32,7 @@ export function commandOf(
     file(feed.source),
     ...(storedOrientation ? set("input.stored_orientation", "true") : []),
     ...cameraWords(camera),
-    ...viewWords(s, camera, width, height),
+    ...viewWords(viewRequest(s, camera, width, height)),
   ];
   return [...words, "-o", `${s.mode}.${feed.moves ? "mp4" : "png"}`].map(shellWord).join(" ");
 }
@@ -57,60 +58,79 @@ function cameraWords(camera: Camera): string[] {
   return words;
 }
 
-function viewWords(s: State, camera: Camera, width: number, height: number): string[] {
-  const words = ["--view", s.mode, "--pan-deg", plain(s.pan)];
-  const far = Number.isFinite(s.distance) ? ["--distance-mm", plain(s.distance)] : [];
-  const size = ["--size", `${width}x${height}`];
+/** Values of parameters that do not apply to a view. */
+const NONE = {
+  tilt_deg: null,
+  hfov_deg: null,
+  span_deg: null,
+  elevation_deg: null,
+  omega_deg: null,
+  pole: null,
+  height_mm: null,
+  mm_per_px: null,
+  distance_mm: null,
+};
+
+/** Return the parameters of a view as in Python, with a size in pixels. */
+export function viewRequest(s: State, camera: Camera, width: number, height: number): ViewRequest {
+  const { pole } = camera.model;
+  const aspect = width / height;
+  const common = {
+    ...NONE,
+    view: s.mode,
+    size: [width, height] as [number, number | null],
+    pan_deg: s.pan,
+    distance_mm: Number.isFinite(s.distance) ? s.distance : null,
+  };
   switch (s.mode) {
     case "panorama": {
-      const range = elevations(s, camera, width / height)
-        .map((x) => plain(x))
-        .join(":");
-      return [
-        ...words,
-        ...set("view.span_deg", plain(spanOf(s, camera, width / height))),
-        "--elevation-deg",
-        range,
-        ...far,
-        ...size,
-      ];
+      const span_deg = spanOf(s, camera, aspect);
+      return { ...common, span_deg, elevation_deg: elevations(s, camera, aspect) };
     }
     case "perspective":
-      return [...words, "--tilt-deg", plain(s.tilt), "--hfov-deg", plain(s.hfov), ...far, ...size];
+      return { ...common, tilt_deg: s.tilt, hfov_deg: s.hfov };
     case "dome":
-      return [
-        ...words,
-        ...set("view.omega_deg", `0:${plain(domeEnd(s, camera))}`),
-        ...set("view.pole", camera.model.pole),
-        ...far,
-        ...size,
-      ];
+      return { ...common, omega_deg: [0, domeEnd(s, camera)], pole };
     case "planet":
-      return [
-        ...words,
-        "--hfov-deg",
-        plain(planetWidth(s, camera, width / height)),
-        ...set("view.pole", camera.model.pole),
-        ...far,
-        ...size,
-      ];
-    case "ground":
-      return [
-        ...words,
-        ...set("view.height_mm", plain(s.height)),
-        ...set("view.mm_per_px", String(groundScale(s, width, height))),
-        ...size,
-      ];
+      return { ...common, hfov_deg: planetWidth(s, camera, aspect), pole };
+    case "ground": {
+      const mm_per_px = groundScale(s, width, height);
+      return { ...common, height_mm: s.height, mm_per_px, distance_mm: null };
+    }
     case "mosaic":
-      return [
-        ...words,
-        "--tilt-deg",
-        plain(s.tilt),
-        "--hfov-deg",
-        plain(s.hfov),
-        ...far,
-        "--size",
-        `${width}x`,
-      ];
+      return { ...common, size: [width, null], tilt_deg: s.tilt, hfov_deg: s.hfov };
   }
+}
+
+/** Parameters in the order of the command line, and whether they are settings (--set). */
+const ORDER = [
+  ["pan_deg", false],
+  ["span_deg", true],
+  ["elevation_deg", false],
+  ["tilt_deg", false],
+  ["hfov_deg", false],
+  ["omega_deg", true],
+  ["pole", true],
+  ["height_mm", true],
+  ["mm_per_px", true],
+  ["distance_mm", false],
+] as const;
+
+function viewWords(request: ViewRequest): string[] {
+  const [width, height] = request.size;
+  const words = ORDER.flatMap(([name, isSetting]) => {
+    const value = request[name];
+    if (value === null) return [];
+    const text =
+      typeof value === "string"
+        ? value
+        : name === "mm_per_px"
+          ? String(value)
+          : [value]
+              .flat()
+              .map((x) => plain(x))
+              .join(":");
+    return isSetting ? set(`view.${name}`, text) : [`--${name.replace("_", "-")}`, text];
+  });
+  return ["--view", request.view, ...words, "--size", `${width}x${height ?? ""}`];
 }

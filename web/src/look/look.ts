@@ -3,7 +3,7 @@ import { byId, choices, hideComputed, put } from "../shared/dom";
 import { banner, say } from "../shared/notices";
 import { INITIAL, type Mode, type State } from "../shared/state";
 import type { Store } from "../shared/store";
-import { commandOf, fittedName, needsFile } from "./command";
+import { commandOf, fittedName, needsFile, viewRequest } from "./command";
 import { Renderer } from "./drawing/renderer";
 import { embedded, floats } from "./embedded";
 import type { Feed, CameraFeed } from "./feeds/feed";
@@ -22,6 +22,7 @@ import { hasSize, RimPanel } from "./panels/rim";
 import { SensorPanel } from "./panels/sensor";
 import { bindSliders } from "./panels/sliders";
 import { KINDS, ViewsPanel } from "./panels/views";
+import { type DisplayedView, ExportMenu } from "./panels/export";
 import { DisplayPanel } from "./panels/display";
 import { endMode } from "./panels/view_mode";
 import { RestorationPanel } from "./panels/restoration";
@@ -70,6 +71,7 @@ export class Look {
     this.wipe = new RestorationPanel(store, () => this.restored());
     new DisplayPanel(store, () => this.placeCircle());
     new GyroscopePanel(store);
+    new ExportMenu(() => this.displayed());
     this.sensor = new SensorPanel(store, {
       changed: () => this.refresh(true),
       prepare: (requested) => this.sources.prepare(requested),
@@ -283,6 +285,15 @@ export class Look {
   private restored(): void {
     this.renderer.setRestored(this.wipe.image);
     this.refresh();
+  }
+
+  /** Return the active view with its image and camera; null without an image. */
+  private displayed(): DisplayedView | null {
+    const camera = this.ready();
+    if (!camera || !this.feed) return null;
+    const { state, view, cameraFeed } = this.place;
+    const shown = cameraFeed ?? { camera, feed: this.feed };
+    return { ...shown, view: viewRequest(state, shown.camera, view.width, view.height) };
   }
 
   private command({ state, view, cameraFeed }: Place): string {

@@ -176,11 +176,11 @@ export class Sources {
           "image",
         );
     };
-    const feed =
-      option.dataset.kind === "image"
-        ? await imageFeed(await api.image(id), name, true, this.callbacks.maximum)
-        : await streamFeed(id, name, onState, signal);
-    return Object.assign(feed, { source: option.dataset.command });
+    const named = { source: option.dataset.command };
+    if (option.dataset.kind !== "image")
+      return Object.assign(await streamFeed(id, name, onState, signal), named);
+    const feed = await imageFeed(await api.image(id), name, true, this.callbacks.maximum);
+    return Object.assign(feed, named, { original: () => api.imageFile(id) });
   }
 
   private get options(): HTMLOptionElement[] {
@@ -307,11 +307,11 @@ export class Sources {
     await this.interrupted?.();
   }
 
-  private feedOf(file: Blob, name: string): Promise<Feed> {
+  private async feedOf(file: Blob, name: string): Promise<Feed> {
     if (isVideo(file, name)) return videoFeed(file, name);
-    return api
-      .asShown(file, name)
-      .then((shown) => imageFeed(shown, name, this.hasServer, this.callbacks.maximum));
+    const shown = await api.asShown(file, name);
+    const feed = await imageFeed(shown, name, this.hasServer, this.callbacks.maximum);
+    return Object.assign(feed, { original: () => Promise.resolve(file) });
   }
 
   private show(feed: Feed): void {

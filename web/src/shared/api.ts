@@ -18,6 +18,7 @@ import type {
   MeasurementResult,
   MeasureRequest,
   EstimatedTilt,
+  ImageExportRequest,
   ImageTaskStatus,
   ImportedFile,
   RenderRequest,
@@ -87,6 +88,9 @@ export async function camera(
 export const room = async (id: string): Promise<Blob> => (await ask(to("api/room", { id }))).blob();
 export const image = async (id: string): Promise<Blob> =>
   (await ask(to("api/image", { id }))).blob();
+/** Return the original file of an image of the server. */
+export const imageFile = async (id: string): Promise<Blob> =>
+  (await ask(to("api/image/file", { id }))).blob();
 /** Convert an image to an 8-bit PNG, reduced if a side is above the maximum; return it with the original size. */
 export async function convert(
   file: Blob,
@@ -113,6 +117,15 @@ export async function outline(
 }
 export const level = (request: LevelRequest, image: Blob): Promise<EstimatedTilt | null> =>
   json(ask("api/level", { method: "POST", body: pack(request, image) }));
+/** Return a view or the light probe of an original image as a file, and its description. */
+export async function exportedImage(
+  request: ImageExportRequest,
+  image: Blob,
+  signal: AbortSignal,
+): Promise<{ file: Blob; note: string }> {
+  const answer = await ask("api/export", { method: "POST", body: pack(request, image), signal });
+  return { note: answer.headers.get("omnimirror-note")!, file: await answer.blob() };
+}
 export const measure = (request: MeasureRequest): Promise<MeasurementResult> =>
   json(posted("api/measure", request));
 /** Return the restored image, and a note on the removed blur; aborting the signal cancels the restoration. */

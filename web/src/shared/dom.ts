@@ -39,6 +39,15 @@ export function allow(button: HTMLButtonElement, reason: string | null): void {
   button.setAttribute("aria-disabled", String(reason !== null));
 }
 
+/** Close a menu by Escape, and by a click elsewhere. */
+export function closeOutside(menu: HTMLDetailsElement): void {
+  document.addEventListener(
+    "click",
+    (e) => !menu.contains(e.target as Node) && (menu.open = false),
+  );
+  menu.addEventListener("keydown", (e) => e.key === "Escape" && (menu.open = false));
+}
+
 /** Hide elements that require a server. */
 export function hideComputed(place: ParentNode): void {
   for (const element of place.querySelectorAll<HTMLElement>("[data-computes]"))

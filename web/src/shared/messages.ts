@@ -441,10 +441,36 @@ export interface FileRequest {
   object_distance_mm: number | null;
 }
 
+/** Request for a camera whose image circle may be fitted to an image. */
+export interface FittedCameraRequest {
+  id: string;
+  mount: MountInfo;
+  image_size: [number, number];
+  centre_px: [number, number];
+  rim_radius_px: number;
+  /** whether the image circle was fitted to the image; the uncertainty of the camera file does not apply to it */
+  is_fitted: boolean;
+}
+
 /** Status of the server. */
 export interface Health {
   status: "ok";
   version: string;
+}
+
+/** Export of a view, or of a light probe, from the original image that follows. */
+export interface ImageExportRequest {
+  id: string;
+  mount: MountInfo;
+  image_size: [number, number];
+  centre_px: [number, number];
+  rim_radius_px: number;
+  /** whether the image circle was fitted to the image; the uncertainty of the camera file does not apply to it */
+  is_fitted: boolean;
+  name: string;
+  format: "png" | "jpg" | "tif" | "exr" | "hdr";
+  /** null: light probe */
+  view: ViewRequest | null;
 }
 
 /** Progress of a task with an image; the last message contains a report or an error. */
@@ -829,6 +855,24 @@ export interface TolerancePlanMessage {
 export interface ToleranceValue {
   name: string;
   tolerance: number;
+}
+
+/** View with the parameters of its function in ``omnimirror.views``; null if not applicable. */
+export interface ViewRequest {
+  view: "panorama" | "perspective" | "dome" | "planet" | "ground" | "mosaic";
+  /** size in px; null: from the width */
+  size: [number, number | null];
+  pan_deg: number;
+  tilt_deg: number | null;
+  hfov_deg: number | null;
+  span_deg: number | null;
+  elevation_deg: [number, number] | null;
+  omega_deg: [number, number] | null;
+  pole: "nadir" | "zenith" | null;
+  height_mm: number | null;
+  mm_per_px: number | null;
+  /** object distance; null: infinite */
+  distance_mm: number | null;
 }
 
 /** Entry of the workshop data: text with a maximum length, or number with a range. */

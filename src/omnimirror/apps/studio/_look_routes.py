@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from fastapi import FastAPI, HTTPException, Query, Request, WebSocket, WebSocketDisconnect
-from fastapi.responses import PlainTextResponse, Response, StreamingResponse
+from fastapi.responses import FileResponse, PlainTextResponse, Response, StreamingResponse
 
 from ... import __version__
 from ...base.errors import OmnimirrorError
@@ -30,6 +30,7 @@ from ._http_messages import (
     FileName,
     unframed,
 )
+from ._image_export import camera_of, export_image
 from ._look_cameras import Cameras, NamedCamera
 from ._outline_process import OutlineRequest
 from ._restoration_process import RestorationTask
@@ -48,6 +49,7 @@ from .look_messages import (
     CameraInfo,
     CameraRequest,
     EstimatedTilt,
+    ImageExportRequest,
     LevelRequest,
     MeasurementResult,
     MeasureRequest,
@@ -110,13 +112,9 @@ def measure_points(cameras: Cameras, message: MeasureRequest) -> MeasurementResu
     """
     from ...calibration.measurement import measure
 
-    camera = (
-        replace(cameras.with_circle(message), uncertainty=None)
-        if message.is_fitted
-        else cameras.find(message.id).standing(Mount(**message.mount.model_dump()))
-    )
+    camera = camera_of(cameras, message)
     result = measure(
-        camera,
+        replace(camera, uncertainty=None) if message.is_fitted else camera,
         message.pixels,
         height_mm=message.height_mm,
         wall_mm=message.wall_mm,
@@ -159,6 +157,8 @@ def render_room(named_camera: NamedCamera) -> bytes:
 
 SIZE = "omnimirror-size"
 """Response header with the size of the original image, px."""
+NOTE = "omnimirror-note"
+"""Response header with a description of the file."""
 
 
 def add_look(app: FastAPI, studio: Studio) -> None:
@@ -243,18 +243,18 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/image", response_class=Response, responses={200: PNG})
     async def source_image(id: str) -> Response:
         """Return an image of the server as 8-bit PNG."""
-        try:
-            source = await asyncio.to_thread(studio.sources.find, id)
-        except KeyError:
-            raise HTTPException(404, f"unknown image {id!r}") from None
-        if source.kind != "image":
-            raise HTTPException(404, f"{source.name} must be an image; got a {source.kind} source")
-        path = Path(source.place)
+        path = await asyncio.to_thread(_image_path, studio, id)
         return _png(
             await studio.conversions.run(
                 path, lambda: read_as_png(path, studio.stored_orientation, studio.on_note)
             )
         )
+
+    @app.get("/api/image/file", response_class=FileResponse, responses={200: BYTES})
+    async def source_file(id: str) -> FileResponse:
+        """Return the original file of an image of the server."""
+        path = await asyncio.to_thread(_image_path, studio, id)
+        return FileResponse(path, media_type="application/octet-stream")
 
     @app.post(
         "/api/convert", openapi_extra=FILE_BODY, response_class=Response, responses={200: PNG}
@@ -293,6 +293,23 @@ def _add_images(app: FastAPI, studio: Studio) -> None:
         requested = OutlineRequest(name=safe_name(name), stored_orientation=is_stored)
         lines = studio.outline_searches.run(requested, data)
         return StreamingResponse(lines, media_type=STATUS_MEDIA_TYPE)
+
+    @app.post(
+        "/api/export", openapi_extra=FILE_BODY, response_class=Response, responses={200: BYTES}
+    )
+    async def export(request: Request) -> Response:
+        """Return a view or the light probe of an image at its full resolution and bit depth.
+
+        The request header precedes the original image; a response header describes the file.
+        """
+        message, image = unframed(await uploaded_file(request), ImageExportRequest)
+        _known(studio.cameras, message.id)
+        camera = camera_of(studio.cameras, message)
+        exported = await studio.conversions.run(
+            request, lambda: export_image(camera, message, image, stored_orientation=is_stored)
+        )
+        headers = {NOTE: exported.note}
+        return Response(exported.data, media_type="application/octet-stream", headers=headers)
 
     @app.post("/api/level", openapi_extra=FILE_BODY)
     async def level(request: Request) -> EstimatedTilt | None:
@@ -347,6 +364,20 @@ def _known(cameras: Cameras, id: str) -> NamedCamera:
             404,
             f"unknown camera {id!r}; if it was uploaded before a restart of the server, load it again",
         ) from None
+
+
+def _image_path(studio: Studio, id: str) -> Path:
+    """Return the path of an image of the server."""
+    try:
+        source = studio.sources.find(id)
+    except KeyError:
+        raise HTTPException(404, f"unknown image {id!r}") from None
+    if source.kind != "image":
+        raise HTTPException(404, f"{source.name} must be an image; got a {source.kind} source")
+    path = Path(source.place)
+    if not path.is_file():
+        raise HTTPException(404, f"{source.name} does not exist any more")
+    return path
 
 
 def _png(data: bytes) -> Response:

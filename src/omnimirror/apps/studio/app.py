@@ -36,6 +36,7 @@ from .pages import SCRIPTS, PageFile, page_text, script_text
 
 IMAGE_ROUTES = (
     "/api/convert",
+    "/api/export",
     "/api/outline",
     "/api/restore",
     "/api/level",

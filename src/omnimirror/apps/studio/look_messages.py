@@ -118,13 +118,43 @@ class RestoreRequest(SensorFileRequest):
     object_distance_mm: float | None = Field(gt=0, description="object distance; null: infinite")
 
 
-class MeasureRequest(SensorFileRequest):
-    """Measurement request: two pixels of an image, and the plane of their points."""
+class FittedCameraRequest(SensorFileRequest):
+    """Request for a camera whose image circle may be fitted to an image."""
 
     is_fitted: bool = Field(
         description="whether the image circle was fitted to the image; the uncertainty of the "
         "camera file does not apply to it"
     )
+
+
+class ViewRequest(ClientMessage):
+    """View with the parameters of its function in ``omnimirror.views``; null if not applicable."""
+
+    view: Literal["panorama", "perspective", "dome", "planet", "ground", "mosaic"]
+    size: tuple[int, int | None] = Field(description="size in px; null: from the width")
+    pan_deg: float
+    tilt_deg: float | None = None
+    hfov_deg: float | None = None
+    span_deg: float | None = None
+    elevation_deg: tuple[float, float] | None = None
+    omega_deg: tuple[float, float] | None = None
+    pole: Literal["nadir", "zenith"] | None = None
+    height_mm: float | None = None
+    mm_per_px: float | None = None
+    distance_mm: float | None = Field(None, description="object distance; null: infinite")
+
+
+class ImageExportRequest(FittedCameraRequest):
+    """Export of a view, or of a light probe, from the original image that follows."""
+
+    name: str
+    format: Literal["png", "jpg", "tif", "exr", "hdr"]
+    view: ViewRequest | None = Field(description="null: light probe")
+
+
+class MeasureRequest(FittedCameraRequest):
+    """Measurement request: two pixels of an image, and the plane of their points."""
+
     pixels: tuple[Pixel, Pixel]
     height_mm: float | None = Field(
         description="height above the floor, or minus the depth below the ceiling; null: neither"

@@ -22,8 +22,8 @@ export interface Feed {
   video?: HTMLVideoElement;
   /** File of a rendered image that is not stored yet. */
   renderedFile?: Blob;
-  /** Original file at its full size with EXIF data; the displayed image can be smaller. */
-  file?: Blob;
+  /** Original file at its full size and bit depth with EXIF data, for computation on the server. */
+  original?: () => Promise<Blob>;
   /** Device id of a webcam. */
   device?: string;
   close(): void;
@@ -63,7 +63,7 @@ export async function imageFeed(
     width,
     height,
     moves: false,
-    file,
+    original: () => Promise.resolve(file),
     close: () => image.close(),
   };
 }
@@ -258,6 +258,10 @@ export async function fileOf(
   if (!image) throw new Error("The browser could not copy the image.");
   return { image, scale };
 }
+
+/** Return the original file of an image, or the current frame of a video. */
+export const originalOf = async (feed: Feed): Promise<Blob> =>
+  feed.original ? feed.original() : (await fileOf(feed)).image;
 
 function ofVideo(video: HTMLVideoElement, name: string, after = (): void => {}): Feed {
   const close = (): void => {

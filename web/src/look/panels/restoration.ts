@@ -3,7 +3,7 @@ import * as api from "../../shared/api";
 import { allow, byId } from "../../shared/dom";
 import { busy, fail, say } from "../../shared/notices";
 import type { Store } from "../../shared/store";
-import { DECODING, type Feed, fileOf, reduced } from "../feeds/feed";
+import { DECODING, type Feed, originalOf, reduced } from "../feeds/feed";
 import type { Camera } from "../geometry/camera";
 
 const HALF = 0.5;
@@ -86,7 +86,7 @@ export class RestorationPanel {
           name: feed.name,
           object_distance_mm: Number.isFinite(distance) ? distance : null,
         },
-        feed.file ?? (await fileOf(feed)).image,
+        await originalOf(feed),
         ({ message, fraction }) => busy(`${message}…`, { fraction, cancel }),
         search.signal,
       );

@@ -5,7 +5,7 @@ import type { CameraInfo, DetectedOutline } from "../../shared/messages";
 import { busy, fail, say } from "../../shared/notices";
 import type { State } from "../../shared/state";
 import type { Store } from "../../shared/store";
-import { type Feed, fileOf } from "../feeds/feed";
+import { type Feed, originalOf } from "../feeds/feed";
 import { type Camera, type Circle, circleOf } from "../geometry/camera";
 import { type ModeEnd, ViewMode } from "./view_mode";
 
@@ -174,8 +174,7 @@ async function outlineIn(
   onStatus: Parameters<typeof api.outline>[2],
   signal: AbortSignal,
 ): Promise<DetectedOutline> {
-  const image = feed.file ?? (await fileOf(feed)).image;
-  const result = await api.outline(image, feed.name, onStatus, signal);
+  const result = await api.outline(await originalOf(feed), feed.name, onStatus, signal);
   const scale = feed.width / result.image_size[0];
   const [u, v] = result.centre_px.map((c) => (c + 0.5) * scale - 0.5);
   return { ...result, centre_px: [u, v], radius_px: result.radius_px * scale };
