@@ -78,6 +78,10 @@ def fit_the_circle(page: Page) -> None:
     page.get_by_role("button", name="Fit circle").click()
 
 
+def open_the_export(page: Page) -> None:
+    page.locator("#export summary").click()
+
+
 def sheet(images: list[Image.Image], columns: int, width: int) -> Image.Image:
     """Return images of equal width (px) in rows with a number of columns."""
     scaled = [
@@ -125,6 +129,11 @@ def main() -> None:
             for scheme in SCHEMES
         ]
         save(sheet(rim, 2, 800), "rim", folder)
+        export = [
+            shot(browser, room + MODES["panorama"], scheme, LAPTOP, open_the_export)
+            for scheme in SCHEMES
+        ]
+        save(sheet(export, 2, 800), "export", folder)
         phone = [
             shot(browser, room + MODES[mode], scheme, PHONE)
             for mode in ("perspective", "dome")

@@ -185,6 +185,8 @@ def test_exported_views_keep_scale_and_limit():
     large = replace(SENSOR, imager=replace(imager, pixel_pitch_um=imager.pixel_pitch_um / 40))
     width, height = full_size_view(large, VIEW.model_copy(update={"hfov_deg": 120.0})).size
     assert 0.99 * MAX_EXPORTED_PIXELS < width * height < 1.01 * MAX_EXPORTED_PIXELS
+    largest = full_size_view(SENSOR, VIEW.model_copy(update={"size": (16384, 16384)})).size
+    assert 0.99 * MAX_EXPORTED_PIXELS < np.prod(largest) < 1.01 * MAX_EXPORTED_PIXELS
 
 
 # -- page ------------------------------------------------------------------------------------------

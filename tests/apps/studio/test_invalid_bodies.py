@@ -103,6 +103,19 @@ BODIES["/api/measure"] = MEASURED
 FRAMED_BODIES: dict[str, Any] = {
     "/api/level": {**FITTED, "name": "a.png"},
     "/api/restore": {**FITTED, "name": "a.png", **DISTANCE},
+    "/api/export": {
+        **FITTED,
+        "is_fitted": True,
+        "name": "a.png",
+        "format": "png",
+        "view": {
+            "view": "perspective",
+            "size": [64, 48],
+            "pan_deg": 0.0,
+            "tilt_deg": -20.0,
+            "hfov_deg": 60.0,
+        },
+    },
     "/api/calibrate/straight": {"camera_file": "", "pose": POSE, "name": "a.png"},
 }
 """Messages that precede a file in the body."""

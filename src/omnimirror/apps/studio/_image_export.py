@@ -80,15 +80,20 @@ def export_image(
 
 
 def full_size_view(camera: Camera, requested: ViewRequest) -> View:
-    """Return a view at the resolution of the image at its centre, or at the requested size if larger."""
+    """Return a view at the resolution of the image at its centre, or at the requested size if larger,
+    within the maximum size.
+    """
     width, height = requested.size
     view = _view(camera, requested)
     scale = np.nan_to_num(views.resolution(camera, view), nan=1.0, posinf=1.0)
     maximum = np.sqrt(MAX_EXPORTED_PIXELS / (view.size[0] * view.size[1]))
-    scale = max(1.0, min(float(scale), float(maximum)))
-    size = round(scale * width), None if height is None else round(scale * height)
-    mm_per_px = None if requested.mm_per_px is None else requested.mm_per_px * width / size[0]
-    return _view(camera, requested.model_copy(update={"size": size, "mm_per_px": mm_per_px}))
+    scale = min(max(1.0, float(scale)), float(maximum))
+    width_px = max(1, round(scale * width))
+    height_px = None if height is None else max(1, round(scale * height))
+    mm_per_px = None if requested.mm_per_px is None else requested.mm_per_px * width / width_px
+    return _view(
+        camera, requested.model_copy(update={"size": (width_px, height_px), "mm_per_px": mm_per_px})
+    )
 
 
 def _view(camera: Camera, requested: ViewRequest) -> View:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -13,6 +13,7 @@ Vector = tuple[float, float, float]
 Size = tuple[int, int]
 Pixel = tuple[float, float]
 Kind = Literal["sensor", "ocam", "ball"]
+Side = Annotated[int, Field(ge=1, le=16384)]
 
 
 class MountInfo(ClientMessage):
@@ -131,7 +132,7 @@ class ViewRequest(ClientMessage):
     """View with the parameters of its function in ``omnimirror.views``; null if not applicable."""
 
     view: Literal["panorama", "perspective", "dome", "planet", "ground", "mosaic"]
-    size: tuple[int, int | None] = Field(description="size in px; null: from the width")
+    size: tuple[Side, Side | None] = Field(description="size in px; null: from the width")
     pan_deg: float
     tilt_deg: float | None = None
     hfov_deg: float | None = None
