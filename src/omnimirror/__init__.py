@@ -107,9 +107,9 @@ if TYPE_CHECKING:
     from .dewarp import screens as screens
     from .dewarp import views as views
     from .dewarp.image_folders import dewarp_images as dewarp_images
-    from .dewarp.light_probe import LightProbe as LightProbe
-    from .dewarp.light_probe import light_probe as light_probe
-    from .dewarp.light_probe import merge_exposures as merge_exposures
+    from .dewarp.radiance_maps import LightProbe as LightProbe
+    from .dewarp.radiance_maps import light_probe as light_probe
+    from .dewarp.radiance_maps import merge_exposures as merge_exposures
     from .dewarp.request import VideoSettings as VideoSettings
     from .dewarp.restoration.deblurring import Restoration as Restoration
     from .dewarp.restoration.deblurring import restore as restore
@@ -287,9 +287,9 @@ _HOMES = {
     "screens": "dewarp",
     "views": "dewarp",
     "register_view": "dewarp.views",
-    "LightProbe": "dewarp.light_probe",
-    "light_probe": "dewarp.light_probe",
-    "merge_exposures": "dewarp.light_probe",
+    "LightProbe": "dewarp.radiance_maps",
+    "light_probe": "dewarp.radiance_maps",
+    "merge_exposures": "dewarp.radiance_maps",
     "dewarp_bag": "interop.ros_bags.dewarping",
     "DewarpedBag": "interop.ros_bags.dewarping",
     "write_colmap": "interop.colmap",

@@ -52,7 +52,7 @@ def export_image(
         If the image is unreadable or belongs to another camera, or the view is invalid or outside
         the field.
     """
-    from ...dewarp.light_probe import (
+    from ...dewarp.radiance_maps import (
         check_probe_file,
         light_probe,
     )  # the server imports this module

@@ -12,7 +12,7 @@ import numpy as np
 
 from ....base.arguments import format_value, parse_float
 from ....base.files import display_name
-from ....dewarp.light_probe import PROBE_SUFFIXES, check_probe_file, light_probe, merge_exposures
+from ....dewarp.radiance_maps import PROBE_SUFFIXES, check_probe_file, light_probe, merge_exposures
 from ....dewarp.request import Size
 from ....io import write_image
 from .._camera_options import AutoOptions, CameraOptions, OrientationOptions
