@@ -525,7 +525,7 @@ def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
         ellipse = max(ellipses, key=item.pooled)
         if (best := item.confidence(ellipse)) >= MIN_CONFIDENCE:
             return ellipse, best
-        # Ask about the mirror rather than about its housing.
+        # Suggest the mirror rather than its housing.
         ellipse = max(ellipses, key=item.pooled_without_housings)
         return ellipse, item.confidence(ellipse)
     ellipses = [
