@@ -55,10 +55,10 @@ BALLS = {"fire_hydrant": "ball from above", "store": "dome", "store_hardware": "
 LOOKS = {"level ball": "forward", "ball from above": "down", "dome": "up",
          "convex mirror": "forward", "mirror above": "up", "mirror below": "down"}  # fmt: skip
 PANORAMA_SIZE = (90, 30)
-COORDINATES = f"""() => {{
+COORDINATES = f"""async () => {{
   const {{ look }} = window.omnimirror;
   const {{ view }} = look.viewIn({PANORAMA_SIZE[0]}, {PANORAMA_SIZE[1]});
-  const values = [...look.renderer.coordinates(view)];
+  const values = [...(await look.renderer.coordinates(view))];
   look.refresh();
   return [view.width, view.height, values];
 }}"""

@@ -39,7 +39,12 @@ const build = {
 };
 
 /** Scripts of their own, which the page fetches when they are wanted. */
-const SCRIPTS = ["design", "space", "calibrate"];
+const SCRIPTS = {
+  design: "src/design/entry.ts",
+  space: "src/space/entry.ts",
+  calibrate: "src/calibrate/entry.ts",
+  webgpu: "src/look/drawing/webgpu.ts",
+};
 
 const script = (name) => ({
   base: "./",
@@ -47,7 +52,7 @@ const script = (name) => ({
     ...build,
     emptyOutDir: false,
     rollupOptions: {
-      input: `src/${name}/entry.ts`,
+      input: SCRIPTS[name],
       preserveEntrySignatures: "strict",
       output: { entryFileNames: `${name}.js` },
     },
@@ -63,7 +68,7 @@ const test = {
 };
 
 export default defineConfig(({ mode }) =>
-  SCRIPTS.includes(mode)
+  mode in SCRIPTS
     ? script(mode)
     : { base: "./", plugins: [inline], build: { ...build, emptyOutDir: true }, server, test },
 );

@@ -1,5 +1,5 @@
 import { background } from "./shared/background";
-import { NoWebGL } from "./look/drawing/renderer";
+import { NoWebGL } from "./look/drawing/webgl2";
 import { embedded } from "./look/embedded";
 import { Look } from "./look/look";
 import { alone } from "./look/data_source";

@@ -24,6 +24,13 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",
 ]
+WEBGPU_FLAGS = [
+    *(flag for flag in FLAGS if flag != "--disable-gpu-compositing"),  # 2D canvases copy the view
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
+    "--enable-features=Vulkan",
+    "--use-vulkan=swiftshader",
+]
 BROWSERS = (
     "chromium-headless-shell",
     "chromium",
@@ -105,21 +112,24 @@ def drop(page, path: Path) -> None:
 
 def coordinates(page, width: int, height: int) -> np.ndarray:
     """Return source pixels (h, w, 2) computed by the shader for the view; NaN outside the field."""
-    script = f"""([w, h]) => {{
+    script = f"""async ([w, h]) => {{
       const {{ look }} = window.omnimirror;
       const {{ view }} = look.viewIn(w, h);
-      return {{ size: [view.width, view.height], values: ({BASE64})(look.renderer.coordinates(view)) }};
+      const values = await look.renderer.coordinates(view);
+      return {{ size: [view.width, view.height], values: ({BASE64})(values) }};
     }}"""
     values = _values(page.evaluate(script, [width, height]), np.float32)
     return np.where(values[..., 2:3] > 0.5, values[..., :2], np.nan).astype(float)
 
 
-def view_pixels(page, width: int, height: int) -> np.ndarray:
-    """Return the view (h, w, 4) drawn by the shader, RGBA."""
-    script = f"""([w, h]) => {{
+def view_pixels(
+    page, width: int, height: int, draw: str = "look.renderer.draw(view);"
+) -> np.ndarray:
+    """Return the view (h, w, 4) drawn by the shader, RGBA; ``draw`` is a script that draws it."""
+    script = f"""async ([w, h]) => {{
       const {{ look }} = window.omnimirror;
       const {{ view }} = look.viewIn(w, h);
-      look.renderer.draw(view);
+      {draw}
       const copy = new OffscreenCanvas(view.width, view.height).getContext("2d");
       copy.drawImage(look.renderer.canvas, 0, 0);
       const {{ data }} = copy.getImageData(0, 0, view.width, view.height);

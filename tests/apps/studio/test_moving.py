@@ -200,7 +200,10 @@ def test_recording_is_video_of_view(browser, server, film, tmp_path):
     with av.open(str(path)) as video:
         frames = [f.to_ndarray(format="gray") for f in video.decode(video=0)]
     width, height = page.evaluate(
-        "[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]"
+        """() => {
+          const { width, height } = window.omnimirror.look.renderer.canvas;
+          return [width, height];
+        }"""
     )
     assert abs(frames[0].shape[1] - width) <= 1  # even sides only
     assert abs(frames[0].shape[0] - height) <= 1

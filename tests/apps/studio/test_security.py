@@ -1028,7 +1028,7 @@ def test_browser_is_redirected_to_address_without_token(browser):
 # ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", ["/", "/design.js", "/space.js", "/calibrate.js"])
+@pytest.mark.parametrize("path", ["/", "/design.js", "/space.js", "/calibrate.js", "/webgpu.js"])
 def test_page_is_compressed_and_cached(path, client):
     uncompressed = client.get(path, headers={"accept-encoding": "identity"})
     compressed = client.get(path, headers={"accept-encoding": "gzip"})

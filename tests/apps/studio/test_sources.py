@@ -24,6 +24,7 @@ MAX_BYTES = {
     "design.js": 195_000,
     "space.js": 20_000,
     "calibrate.js": 60_000,
+    "webgpu.js": 22_000,
 }
 """Sizes in bytes; larger growth than a feature requires fails."""
 MAX_COMPRESSED_BYTES = (
@@ -50,7 +51,10 @@ def test_types_of_page_match_server():
 def test_page_is_built_from_its_sources(tmp_path):
     for arguments in (
         (),
-        *(("--mode", name, "--emptyOutDir", "false") for name in ("design", "space", "calibrate")),
+        *(
+            ("--mode", name, "--emptyOutDir", "false")
+            for name in ("design", "space", "calibrate", "webgpu")
+        ),
     ):
         built = run_tool("vite", "build", *arguments, "--outDir", tmp_path, "--logLevel", "error")
         assert built.returncode == 0, built.stderr

@@ -184,10 +184,10 @@ def test_stored_views_are_displayed_together(page, folder):
 
 def check_cell(page, folder, index: int) -> None:
     """Check that one of several views has the coordinates of its command line."""
-    script = """(index) => {
+    script = """async (index) => {
       const { look } = window.omnimirror;
       const { left, top, view } = look.layout.places[index];
-      const values = look.renderer.coordinates(look.layout.view);
+      const values = await look.renderer.coordinates(look.layout.view);
       const [column, row] = [left, top].map((at) => Math.round(at * devicePixelRatio));
       const at = (x, y) => { const i = 4 * ((row + y) * look.layout.view.width + column + x); return [...values.slice(i, i + 3)]; };
       const places = [0.1, 0.5, 0.9].flatMap((a) => [0.2, 0.7].map((b) => [Math.floor(a * view.width), Math.floor(b * view.height)]));

@@ -4,7 +4,8 @@ import { banner, say } from "../shared/notices";
 import { INITIAL, type Mode, type State } from "../shared/state";
 import type { Store } from "../shared/store";
 import { commandOf, fittedName, needsFile, viewRequest } from "./command";
-import { Renderer } from "./drawing/renderer";
+import { Drawing } from "./drawing/drawing";
+import type { Renderer } from "./drawing/renderer";
 import { embedded, floats } from "./embedded";
 import type { Feed, CameraFeed } from "./feeds/feed";
 import { AdditionalImages } from "./feeds/additional_images";
@@ -36,10 +37,10 @@ const REST_MS = 120; // idle time after which a view is drawn with full quality
 
 /** Tab Look: image, camera, view, and their controls. */
 export class Look {
-  readonly renderer: Renderer;
   readonly sensor: SensorPanel;
   readonly sources: Sources;
-  private readonly canvas = byId<HTMLCanvasElement>("view");
+  private readonly canvas = byId("view");
+  private readonly drawing: Drawing;
   private readonly circle: CirclePane;
   private readonly rim: RimPanel;
   private readonly level: LevelPanel;
@@ -57,7 +58,11 @@ export class Look {
   private resting = 0;
 
   constructor(private readonly store: Store) {
-    this.renderer = new Renderer(this.canvas, () => this.refresh(true));
+    this.drawing = new Drawing(
+      this.canvas,
+      () => this.refresh(true),
+      () => this.recorder.stop(),
+    );
     this.circle = new CirclePane(
       (pixel) => this.lookAtPixel(pixel),
       (c) => this.rim.set(c),
@@ -108,7 +113,10 @@ export class Look {
       () => this.refresh(),
     );
     this.measure = new MeasurePanel(store, this.canvas, () => this.refresh());
-    this.recorder = new Recorder(this.canvas, () => this.refresh());
+    this.recorder = new Recorder(
+      () => this.renderer.canvas,
+      () => this.refresh(),
+    );
     new Toolbar(store, {
       sources: this.sources,
       sensor: this.sensor,
@@ -124,6 +132,10 @@ export class Look {
     this.placeCircle();
     new ResizeObserver(() => this.refresh()).observe(byId("pane"));
     new ResizeObserver(() => this.refresh(true)).observe(byId("circle"));
+  }
+
+  get renderer(): Renderer {
+    return this.drawing.renderer;
   }
 
   /** Current source. */
@@ -248,7 +260,7 @@ export class Look {
     if (!this.ready()) return null;
     this.layOut();
     this.paint(false);
-    return this.canvas;
+    return this.renderer.canvas;
   }
 
   /** Draw all views: those of the main image, then those of others. */

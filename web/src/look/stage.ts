@@ -32,7 +32,7 @@ export function layOut(
   states: readonly State[],
   cameraFeed: readonly (CameraFeed | null)[],
   shown: Camera,
-  canvas: HTMLCanvasElement,
+  canvas: HTMLElement,
   room: { width: number; height: number },
 ): Layout {
   const dots = Math.min(devicePixelRatio, MAX_DOTS);

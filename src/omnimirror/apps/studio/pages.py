@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 # -- Static files ----------------------------------------------------------------------------------
 
 PAGE = Path(__file__).parent / "page" / "index.html"
-SCRIPTS = ("design.js", "space.js", "calibrate.js")
-"""Scripts of the tabs and the 3-D view, loaded on demand."""
+SCRIPTS = ("design.js", "space.js", "calibrate.js", "webgpu.js")
+"""Scripts of the tabs, the 3-D view and the WebGPU renderer, loaded on demand."""
 
 
 @cache

@@ -14,17 +14,20 @@ export class Recorder {
   private running: MediaRecorder | null = null;
 
   constructor(
-    private readonly view: HTMLCanvasElement,
+    private readonly view: () => HTMLCanvasElement,
     private readonly started: () => void,
   ) {
-    byId("record").addEventListener("click", () =>
-      this.running ? this.running.stop() : this.start(),
-    );
+    byId("record").addEventListener("click", () => (this.running ? this.stop() : this.start()));
   }
 
   /** Whether the view must be redrawn continuously, because browsers record changes only. */
   get isRunning(): boolean {
     return this.running !== null;
+  }
+
+  /** End and save a recording, if one is running. */
+  stop(): void {
+    this.running?.stop();
   }
 
   private start(): void {
@@ -34,7 +37,7 @@ export class Recorder {
         : KINDS.find((k) => MediaRecorder.isTypeSupported(k));
     if (!kind) return say("This browser does not support recording.");
     const pieces: Blob[] = [];
-    const stream = this.view.captureStream(30);
+    const stream = this.view().captureStream(30);
     const release = (): void => stream.getTracks().forEach((track) => track.stop());
     let recorder: MediaRecorder;
     try {

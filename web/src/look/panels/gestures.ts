@@ -31,7 +31,7 @@ export class Gestures {
   private gliding = 0;
 
   constructor(
-    private readonly view: HTMLCanvasElement,
+    private readonly view: HTMLElement,
     private readonly store: Store,
     private readonly camera: () => Camera | null,
     private readonly lookAt: (u: number, v: number) => void,

@@ -1,6 +1,14 @@
-import { STEPS_IN_SPACE } from "../geometry/camera";
+import {
+  CONSTANTS,
+  COSINE,
+  KEYS_WEIGHTS,
+  QUARTER_TURNS,
+  REMAINDER,
+  SINE,
+  UNIFORMS,
+} from "./shader_inputs";
 
-/** Shader: direction of a view pixel, its position in the image, and the colour. */
+/** Shader in GLSL: direction of a view pixel, its position in the image, and the colour. `wgsl.ts` contains the same functions in the same order. */
 
 export const VERTEX = `#version 300 es
 void main() {
@@ -9,13 +17,12 @@ void main() {
 }`;
 
 const COS_SIN = `
-// Sine and cosine in full float precision; those of GPUs can be off by 5e-4, 0.25 px at the rim.
 vec2 cos_sin(float x) {
-  float k = floor(x * 0.6366197723675814 + 0.5);
-  float r = (x - k * 1.5707963705062866) + k * 4.371139e-8;
+  float k = ${QUARTER_TURNS};
+  float r = ${REMAINDER};
   float q = r * r;
-  float s = r + r * q * (-0.16666666 + q * (0.008333331 + q * (-0.00019840874 + q * 2.7525562e-6)));
-  float c = 1.0 + q * (-0.5 + q * (0.04166666 + q * (-0.0013888397 + q * 2.4760495e-5)));
+  float s = ${SINE};
+  float c = ${COSINE};
   int turn = int(k) & 3;
   vec2 swapped = (turn & 1) == 1 ? vec2(-s, c) : vec2(c, s);
   return turn < 2 ? swapped : -swapped;
@@ -23,7 +30,7 @@ vec2 cos_sin(float x) {
 
 const TARGET = `
 // As in omnimirror.dewarp.screens: vector in the world frame, in mm for a finite screen.
-vec3 target(vec2 p, out bool inside) {
+vec3 world_vector(vec2 p, out bool inside) {
   inside = true;
   vec2 q = p - (size - 1.0) / 2.0;
   float far = distance_mm > 0.0 ? distance_mm : 1.0;
@@ -52,12 +59,7 @@ const KERNEL = `
 // Bicubic kernel of Keys.
 vec4 weights(float t, float a) {
   float x = 1.0 + t, y = 1.0 - t, z = 2.0 - t;
-  return vec4(
-    ((a * x - 5.0 * a) * x + 8.0 * a) * x - 4.0 * a,
-    ((a + 2.0) * t - (a + 3.0)) * t * t + 1.0,
-    ((a + 2.0) * y - (a + 3.0)) * y * y + 1.0,
-    ((a * z - 5.0 * a) * z + 8.0 * a) * z - 4.0 * a
-  );
+  return vec4(${KEYS_WEIGHTS});
 }`;
 
 const PROJECTION = `
@@ -124,7 +126,7 @@ vec3 bilinear(sampler2D nodes, vec2 p) {
 vec3 bicubic(sampler2D nodes, vec2 p) {
   ivec2 i, last = textureSize(nodes, 0) - 1;
   vec2 f = lattice_cell(nodes, p, i);
-  vec4 wx = weights(f.x, -0.5), wy = weights(f.y, -0.5);
+  vec4 wx = weights(f.x, KEYS_A_LATTICE), wy = weights(f.y, KEYS_A_LATTICE);
   vec3 total = vec3(0.0);
   for (int j = 0; j < 4; j++)
     for (int k = 0; k < 4; k++)
@@ -139,13 +141,11 @@ float polar(vec3 t, out vec2 azimuth) {
   return half_angle(across, t.x).x;
 }
 
-const int FINE_STEPS = 4;
-
 // The same for a point, with the ray origin of a camera without rotational symmetry.
 float solve_without_symmetry(vec3 t, out vec2 azimuth) {
   azimuth = vec2(1.0, 0.0);
   float s = 0.0;
-  for (int i = 0; i < ${STEPS_IN_SPACE}; i++) s = polar(t - bilinear(starts, min(s, ends.y) * azimuth), azimuth);
+  for (int i = 0; i < ROUGH_STEPS; i++) s = polar(t - bilinear(starts, min(s, ends.y) * azimuth), azimuth);
   for (int i = 0; i < FINE_STEPS; i++) s = polar(t - bicubic(starts, min(s, ends.y) * azimuth), azimuth);
   return s;
 }
@@ -176,8 +176,6 @@ vec3 texel(ivec2 p) {
   return texelFetch(image, clamp(p, ivec2(0), textureSize(image, 0) - 1), 0).rgb;
 }
 
-const float KEYS_A = -0.75; // pixel convention of OpenCV and omnimirror
-
 vec3 cubic(vec2 p) {
   vec2 stored_size = vec2(textureSize(image, 0)); // smaller for images above the texture limit
   if (stored_size != image_size) p = (p + 0.5) * stored_size / image_size - 0.5;
@@ -191,10 +189,6 @@ vec3 cubic(vec2 p) {
   }
   return clamp(total, 0.0, 1.0);
 }
-
-// As in omnimirror.dewarp.sampling: sides up to SHARP are reduced to zero, with a smooth transition above.
-const float SHARP = 1.2, SPACING = 1.5;
-const int MAX_TAPS = 16;
 
 float sharpness_scale(float side) {
   return 1.0 - pow(SHARP / max(side, SHARP), 8.0);
@@ -231,17 +225,18 @@ vec3 mean(vec2 p, vec2 right, vec2 down, bool rough) {
   return count > 0.0 ? total / count : cubic(p);
 }`;
 
+const declarations = [
+  ...Object.entries(UNIFORMS).map(([name, type]) => `uniform ${type} ${name};`),
+  ...Object.entries(CONSTANTS.integers).map(([name, value]) => `const int ${name} = ${value};`),
+  ...Object.entries(CONSTANTS.numbers).map(([name, value]) => `const float ${name} = ${value};`),
+].join("\n");
+
 export const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp int;
 precision highp sampler2D;
 uniform sampler2D image, radii, lattice, limits, starts;
-uniform vec2 image_size, size, corner, ends, centre, own_centre;
-uniform float scale, eye, distance_mm;
-uniform mat3 frame, axes;
-uniform vec4 numbers;
-uniform int shape;
-uniform bool is_point, has_origins, has_starts, has_lattice, wants_coordinates, is_preview;
+${declarations}
 out vec4 colour;
 ${COS_SIN}
 ${TARGET}
@@ -253,7 +248,7 @@ void main() {
   vec2 p = gl_FragCoord.xy - corner;
   p = vec2(p.x - 0.5, size.y - p.y - 0.5);
   bool inside, visible;
-  vec2 at = project(target(p, inside), visible);
+  vec2 at = project(world_vector(p, inside), visible);
   vec2 right = dFdx(at), down = -dFdy(at);
   visible = visible && inside;
   if (wants_coordinates) {
