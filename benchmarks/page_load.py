@@ -31,10 +31,9 @@ SIZE = {"width": 1280, "height": 800}
 VIEWS = {"panorama": "mode=panorama", "perspective": "mode=perspective&hfov=80"}
 DRAGS = 60
 DELAY_SCRIPT = """() => {
-  const { canvas } = window.omnimirror.look;
-  const gl = canvas.getContext("webgl2");
+  const gl = window.omnimirror.look.renderer.canvas.getContext("webgl2");
   window.delays = [];
-  canvas.addEventListener("pointermove", (e) => requestAnimationFrame(() => {
+  document.querySelector("#view").addEventListener("pointermove", (e) => requestAnimationFrame(() => {
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
     window.delays.push(performance.now() - e.timeStamp);
   }));
@@ -87,7 +86,7 @@ def drag_to_frame(browser: Browser, address: str) -> Iterator[str]:
             page.mouse.move(x + 2 * (i + 1), y)
             page.wait_for_function(f"window.delays.length > {i}")
         width, height = page.evaluate(
-            "[window.omnimirror.look.canvas.width, window.omnimirror.look.canvas.height]"
+            "(({ width, height }) => [width, height])(window.omnimirror.look.renderer.canvas)"
         )
         label = f"drag to frame, {name} of {width} x {height} px"
         yield row(label, page.evaluate("window.delays"), "ms", "")
