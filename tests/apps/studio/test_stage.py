@@ -357,3 +357,14 @@ def test_disabled_button_displays_reason(browser, server):
     page.evaluate("document.querySelector('#snapshot').click()")
     page.get_by_role("status").filter(has_text="Open an image first.").wait_for()
     page.context.close()
+
+
+def test_buttons_of_a_fitted_circle_and_a_tilt_are_within_the_panel(shared):
+    set_state(shared, **INITIAL_STATE, rim=[500, 520, 400], pitch=3)
+    for name in ("Reset circle", "Reset tilt"):
+        button = shared.get_by_role("button", name=name)
+        box, panel = (
+            place.bounding_box() for place in (button, button.locator("xpath=ancestor::section"))
+        )
+        assert panel["x"] < box["x"]
+        assert box["x"] + box["width"] < panel["x"] + panel["width"]
