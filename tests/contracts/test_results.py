@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import doctest
-import importlib
 import inspect
 import re
 import sys
@@ -80,7 +79,7 @@ def example_of(cls: type, monkeypatch: pytest.MonkeyPatch) -> Result:
         return_values.append(function(*args, **kwargs))
         return return_values[-1]
 
-    monkeypatch.setattr(importlib.import_module(f"omnimirror.{om._HOMES[name]}"), name, recorded)
+    monkeypatch.setattr(om, name, recorded)
     module = inspect.unwrap(function).__module__
     run_examples(inspect.getdoc(function), {**vars(sys.modules[module]), name: recorded})
     results = [result for result in results_in(return_values) if type(result) is cls]

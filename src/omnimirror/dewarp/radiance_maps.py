@@ -15,6 +15,7 @@ from scipy.fft import irfft, rfft, rfftfreq
 from ..base.arguments import integer, number, validate_arguments
 from ..base.colour import Light, linear_rgb
 from ..base.errors import InvalidParameter, MediaError, OutsideField
+from ..base.results import Columns, FieldResult, Fields
 from ..base.typing import Mask
 from ..cameras.camera import Camera
 from ..io.images import format_of
@@ -111,6 +112,7 @@ def _unsaturated(image: Image) -> NDArray[np.float32]:
 
 # -- Light probe -----------------------------------------------------------------------------------
 
+CHANNELS = ("red", "green", "blue")
 PROBE_SUFFIXES = (".hdr", ".exr")
 """File formats of radiance maps that programs read as environment maps."""
 SAMPLES = 2
@@ -140,8 +142,8 @@ def check_probe_file(path: str | Path) -> None:
     format_of(path)  # the package for its format may be missing
 
 
-@dataclass(frozen=True, eq=False)
-class LightProbe:
+@dataclass(frozen=True, eq=False, repr=False)
+class LightProbe(FieldResult):
     """Equirectangular radiance map of the full sphere.
 
     Parameters
@@ -152,6 +154,8 @@ class LightProbe:
     visible : (h, 2 h) array, bool
         False where the mirror reflects no light to the camera, and the radiance is filled from the
         edge of the visible part.
+    pan_deg
+        Direction of the image centre, deg right of forward.
 
     Examples
     --------
@@ -163,6 +167,29 @@ class LightProbe:
 
     radiance: Light
     visible: Mask
+    pan_deg: float = 0.0
+
+    def _fields(self) -> Fields:
+        height, width = self.visible.shape
+        elevation_deg = 90 - 180 * (np.arange(height) + 0.5) / height
+        pan_deg = self.pan_deg + 360 * ((np.arange(width) + 0.5) / width - 0.5)
+        maps = dict(zip(CHANNELS, np.moveaxis(self.radiance, -1, 0), strict=True))
+        axes = ("elevation_deg", "pan_deg")
+        return Fields(
+            {name: (axes, values) for name, values in {**maps, "visible": self.visible}.items()},
+            {
+                name: ((name,), values)
+                for name, values in zip(axes, (elevation_deg, pan_deg), strict=True)
+            },
+            {},
+        )
+
+    def _table(self) -> Columns:
+        variables, coordinates, _ = self._fields()
+        grid = np.meshgrid(*(values for _, values in coordinates.values()), indexing="ij")
+        columns = dict(zip(coordinates, grid, strict=True))
+        columns |= {name: values for name, (_, values) in variables.items()}
+        return {name: values.ravel() for name, values in columns.items()}
 
     @property
     def visible_fraction(self) -> float:
@@ -249,7 +276,7 @@ def light_probe(
         hidden = (~visible).astype(np.uint8)
         edge = visible & (cv2.dilate(hidden, np.ones((EDGE_PX, EDGE_PX), np.uint8)) > 0)
         radiance[~visible] = _filled(radiance, edge.astype(np.float32))[~visible]
-    return LightProbe(radiance, visible)
+    return LightProbe(radiance, visible, pan_deg)
 
 
 def _means(light: Light, camera: Camera, size: tuple[int, int], pan_deg: float) -> Light:
