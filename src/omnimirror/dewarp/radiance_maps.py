@@ -71,7 +71,7 @@ def merge_exposures(images: Sequence[Image], exposures_s: Sequence[float]) -> Li
     >>> long = np.full((1, 1, 3), 255, np.uint8)
     >>> short = np.full((1, 1, 3), 188, np.uint8)  # half of the light of white
     >>> om.merge_exposures([long, short], [1 / 15, 1 / 60])[0, 0].round(2)
-    array([2., 2., 2.], dtype=float32)
+    array([2.01, 2.01, 2.01], dtype=float32)
     """
     times = [
         number("exposures_s", time, low=MIN_EXPOSURE_S, high=MAX_EXPOSURE_S, unit="s")
@@ -250,7 +250,7 @@ def light_probe(
     >>> ball = om.MirrorBall(centre_px=(127.5, 127.5), rim_radius_px=120.0, field_deg=340.0, image_size=(256, 256))
     >>> probe = om.light_probe(np.full((256, 256, 3), 188, np.uint8), ball, width_px=128, reflectance=0.8)
     >>> probe.radiance.shape, probe.radiance[10, 10].round(2), round(probe.visible_fraction, 2)
-    ((64, 128, 3), array([0.63, 0.63, 0.63], dtype=float32), 0.96)
+    ((64, 128, 3), array([0.63, 0.63, 0.63], dtype=float32), 0.98)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     om.write_image(f"{folder}/probe.hdr", probe.radiance)
     """
