@@ -140,6 +140,43 @@ def test_video_is_displayed(page, server, tmp_path):
     assert page.evaluate(f"[{VIEW}.feed.width, {VIEW}.feed.height]") == [320, 240]
 
 
+def test_angle_is_measured_and_light_probe_exported(page, server, tmp_path):
+    sensor = om.load_sensor("paper-spherical")
+    write_image(tmp_path / "room.png", pattern(sensor.image_size))
+    open_empty(page, server)
+    page.choose("#file", tmp_path / "room.png")
+    page.wait(f"{VIEW}.feed?.name === 'room.png' && !document.querySelector('#view').hidden")
+    page.click("#measure")
+    for _ in range(2):
+        page.click("#measure-add")
+    page.wait("/Angle [1-9]/.test(document.querySelector('#measured').textContent)")
+    page.click("#measure-done")
+    page.wait("document.querySelector('#measure-bar').hidden")
+
+    page.evaluate(RECORD_DOWNLOADS)
+    page.click("#export summary")
+    page.click("#export button[data-probe][data-format=hdr]")
+    page.wait("window.saved.has('room-light-probe.hdr')")
+    data = page.evaluate(
+        "window.saved.get('room-light-probe.hdr').arrayBuffer()"
+        ".then((bytes) => Array.from(new Uint8Array(bytes)))"
+    )
+    (tmp_path / "probe.hdr").write_bytes(bytes(data))
+    expected = om.light_probe(read_image(tmp_path / "room.png"), sensor).radiance
+    error = np.abs(read_image(tmp_path / "probe.hdr") - expected).max(axis=-1)
+    assert (error <= 2**-7 * expected.max(axis=-1)).all()
+
+
+def test_webgl2_is_used_without_an_adapter_for_webgpu(page, server):
+    page.open("about:blank")
+    page.open(f"{server}?renderer=webgpu#sensor=paper-spherical&source=room")
+    page.wait(f"{VIEW}.feed && !document.querySelector('#view').hidden")
+    has_adapter = "navigator.gpu?.requestAdapter().then((adapter) => adapter !== null) ?? false"
+    name = page.evaluate(f"{VIEW}.drawing.selected.then(() => {VIEW}.renderer.name)")
+    assert name == ("WebGPU" if page.evaluate(has_adapter) else "WebGL2")
+    assert (view_pixels(page, 120, 80)[..., 3] > 0).mean() > 0.4
+
+
 def test_design_is_exported(page, server):
     page.open("about:blank")
     page.open(f"{server}#tab=design")
