@@ -13,12 +13,15 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
+
+import omnimirror as om
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -82,6 +85,35 @@ def open_the_export(page: Page) -> None:
     page.locator("#export summary").click()
 
 
+def ask_for_the_mirror_type(page: Page) -> None:
+    """Open an image of a spherical mirror, and point at the upright view."""
+    sensor = om.load_sensor("paper-spherical")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "image.png"
+        om.write_image(path, om.render_image(sensor, om.Room()))
+        page.set_input_files("#file", path)
+        page.locator("#ask").wait_for()
+    page.locator("#ask .answers button", has_text="above the camera").hover()
+
+
+def measure_on_the_floor(page: Page) -> None:
+    page.get_by_role("button", name="Measure", exact=True).click()
+    box = page.locator("#view").bounding_box()
+    for x, y in ((0.25, 0.6), (0.65, 0.8)):
+        page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+    page.locator("#measure-plane").select_option("floor")
+    page.locator("#measured", has_text="distance").wait_for()
+
+
+STEPS: dict[str, tuple[str, Callable[[Page], None]]] = {
+    "rim": (MODES["perspective"], fit_the_circle),
+    "mirror-type": ("", ask_for_the_mirror_type),
+    "export": (MODES["panorama"], open_the_export),
+    "measure": ("mode=perspective&tilt=-25&hfov=80", measure_on_the_floor),
+}
+"""State of the view of the room, or "" for the empty page, and action of each step."""
+
+
 def sheet(images: list[Image.Image], columns: int, width: int) -> Image.Image:
     """Return images of equal width (px) in rows with a number of columns."""
     scaled = [
@@ -124,16 +156,10 @@ def main() -> None:
             save(sheet(modes, 2, 800), f"views-{scheme}", folder)
         empty = [shot(browser, address, scheme, LAPTOP) for scheme in SCHEMES]
         save(sheet(empty, 2, 800), "empty", folder)
-        rim = [
-            shot(browser, room + MODES["perspective"], scheme, LAPTOP, fit_the_circle)
-            for scheme in SCHEMES
-        ]
-        save(sheet(rim, 2, 800), "rim", folder)
-        export = [
-            shot(browser, room + MODES["panorama"], scheme, LAPTOP, open_the_export)
-            for scheme in SCHEMES
-        ]
-        save(sheet(export, 2, 800), "export", folder)
+        for name, (state, act) in STEPS.items():
+            start = room + state if state else address
+            images = [shot(browser, start, scheme, LAPTOP, act) for scheme in SCHEMES]
+            save(sheet(images, 2, 800), name, folder)
         phone = [
             shot(browser, room + MODES[mode], scheme, PHONE)
             for mode in ("perspective", "dome")
