@@ -15,7 +15,9 @@ from starlette.testclient import TestClient
 import omnimirror as om
 from omnimirror.apps.studio._design_files import sensor_report
 from omnimirror.apps.studio._design_sensors import spline_like
+from omnimirror.apps.studio._http_messages import framed, unframed
 from omnimirror.apps.studio.app import create_app
+from omnimirror.apps.studio.design_messages import ApiError
 from omnimirror.design.requirement_files import parse_requirements
 from omnimirror.optics.image_sensor import Imager
 from omnimirror.optics.mirrors import MIRRORS
@@ -188,6 +190,12 @@ def test_requirements_are_evaluated_at_worst_angle_and_distance(client):
     )
     assert header["rows"] == []
     assert "omega_max_deg" in header["requirements_error"]
+
+
+def test_values_beyond_float32_become_infinite():
+    header = ApiError(path=(), message="")
+    _, data = unframed(framed(header, np.array([-1e300, 1e39, 0.5])), ApiError)
+    assert np.frombuffer(data, "<f4").tolist() == [-np.inf, np.inf, 0.5]
 
 
 # -- conversion of parts

@@ -393,7 +393,7 @@ def answer(message: DesignRequest) -> bytes:
         blocks=tuple(values.block for values in blocks),
         edited=tables_from_sensor(current) if message.edit is not None else None,
     )
-    return framed(response, *(b.values.astype("<f4").tobytes() for b in blocks))
+    return framed(response, *(b.values for b in blocks))
 
 
 def _answer(message: DesignRequest, **fields: object) -> DesignResponse:

@@ -121,9 +121,7 @@ def built(message: AsBuiltRequest) -> bytes:
         focus_mm=(of["focus_distance_mm"][0], of["focus_distance_mm"][1]),
         tables=_tables_of_built(nominal, message.values),
     )
-    return framed(
-        header, evaluator.reference_px.T.astype("<f4").tobytes(), residuals.astype("<f4").tobytes()
-    )
+    return framed(header, evaluator.reference_px.T, residuals)
 
 
 def _tables_of_built(nominal: Sensor, values: Mapping[str, float]) -> dict[str, Any] | None:

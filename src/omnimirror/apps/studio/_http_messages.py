@@ -5,8 +5,10 @@ from __future__ import annotations
 import struct
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 from fastapi import Query
 
+from ...base.typing import Array
 from ...interop.http_server.request_bodies import InvalidMessage, parse_message
 from .messages import Message, Problem
 
@@ -18,8 +20,10 @@ from .messages import Message, Problem
 M = TypeVar("M", bound=Message)
 
 
-def framed(header: Message, *parts: bytes) -> bytes:
+def framed(header: Message, *parts: bytes | Array) -> bytes:
     """Encode a header and its payload as one message.
+
+    Arrays are encoded in float32; values beyond its range become infinite.
 
     >>> from .design_messages import ApiError
     >>> framed(ApiError(path=(), message="no"), b"abcd")
@@ -27,7 +31,9 @@ def framed(header: Message, *parts: bytes) -> bytes:
     """
     text = header.model_dump_json().encode()
     text += b" " * (-len(text) % 4)
-    return struct.pack("<I", len(text)) + text + b"".join(parts)
+    with np.errstate(over="ignore"):
+        payload = [p if isinstance(p, bytes) else p.astype("<f4").tobytes() for p in parts]
+    return struct.pack("<I", len(text)) + text + b"".join(payload)
 
 
 def unframed(data: bytes, kind: type[M]) -> tuple[M, bytes]:
