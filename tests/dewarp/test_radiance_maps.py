@@ -9,7 +9,7 @@ import pytest
 
 import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
-from omnimirror.base.errors import InvalidParameter
+from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.cameras.camera import Mount
 
 SIZE, RADIUS, SUB = 600, 280.0, 4
@@ -91,11 +91,21 @@ def test_energy(probe):
     np.testing.assert_allclose(solid_angle_mean(probe.radiance), mean_radiance(), rtol=1e-3)
 
 
-@pytest.mark.parametrize("lamp_px", [(300, 300), (420, 230), (520, 260)])
-def test_energy_of_a_lamp_of_one_pixel(ball, lamp_px):
+@pytest.mark.parametrize("width_px", [8, 64, 256])
+@pytest.mark.parametrize(
+    "lamp_px",
+    [
+        (300, 300),
+        (420, 230),
+        (520, 260),
+        (300, 102),  # 0.1 deg from the zenith, at the radius R sin 45 deg
+        (300, 497),
+    ],
+)
+def test_energy_of_a_lamp_of_one_pixel(ball, lamp_px, width_px):
     light = np.zeros((SIZE, SIZE, 3), np.float32)
     light[lamp_px[1], lamp_px[0]] = 1e4
-    probe = om.light_probe(light, ball, width_px=256)
+    probe = om.light_probe(light, ball, width_px=width_px)
     # The ball is equal-area: pi R^2 pixels are 4 pi sr.
     expected = 1e4 / (np.pi * RADIUS**2)
     assert (probe.radiance >= 0).all()
@@ -144,6 +154,8 @@ def test_reflectance_by_colour(image, ball, probe):
     np.testing.assert_allclose(
         brighter.radiance, probe.radiance / np.float32([0.5, 0.8, 1.0]), rtol=1e-5
     )
+    same = om.light_probe(image, ball, width_px=360, reflectance=np.array([0.5, 0.8, 1.0]))
+    np.testing.assert_array_equal(same.radiance, brighter.radiance)
 
 
 def test_pan_rotates_the_map(image, ball, probe):
@@ -202,7 +214,10 @@ def test_merged_exposures_recover_the_radiance():
     ("change", "message"),
     [
         ({"width_px": 255}, "width_px must be even; got 255"),
+        ({"width_px": 16386}, "width_px must be an integer between 8 and 16384; got 16386"),
         ({"reflectance": 0.0}, "reflectance must be"),
+        ({"reflectance": 1e-40}, "reflectance must be between 0.001 and 1; got 1e-40"),
+        ({"reflectance": [0.9, 0.9]}, r"tuple of 3 values .*; got \[0.9, 0.9\]"),
         ({"reflectance": (0.9, 0.9, 1.5)}, "reflectance must be"),
     ],
 )
@@ -216,8 +231,10 @@ def test_invalid_images(image, ball):
         om.light_probe(image[1:], ball)
     broken = image.copy()
     broken[SIZE // 2, SIZE // 2] = np.nan
-    with pytest.raises(InvalidParameter, match="finite values on the mirror"):
+    with pytest.raises(InvalidParameter, match=r"finite values .* on the mirror; got nan"):
         om.light_probe(broken, ball)
+    with pytest.raises(InvalidParameter, match=r"finite values .* on the mirror; got inf"):
+        om.light_probe(np.full(image.shape, 1e300), ball)  # beyond the range of float32
     broken = image.copy()
     broken[0, 0] = np.nan  # outside the ball
     assert np.isfinite(om.light_probe(broken, ball, width_px=64).radiance).all()
@@ -227,3 +244,27 @@ def test_invalid_images(image, ball):
         om.light_probe(np.zeros(image.shape, np.int16), ball)
     with pytest.raises(InvalidParameter, match="uint8 or uint16"):
         om.merge_exposures([image], [1.0])
+    with pytest.raises(InvalidParameter, match="1, 3 or 4 channels"):
+        om.merge_exposures([np.zeros((4, 4, 2), np.uint8)], [1.0])
+    with pytest.raises(InvalidParameter, match="at least one pixel"):
+        om.merge_exposures([np.zeros((0, 4, 3), np.uint8)], [1.0])
+
+
+def test_masked_integers_are_linearised():
+    """Masks of pixels do not change their values."""
+    masked = np.ma.masked_equal(np.full((2, 2, 3), 255, np.uint8), 255)
+    np.testing.assert_array_equal(om.merge_exposures([masked], [1.0]), 1.0)
+
+
+def test_a_probe_without_visible_pixels_is_rejected(image, ball):
+    """Instead of a black map."""
+    for change, width_px in [({"rim_radius_px": 0.3}, None), ({"field_deg": 10.0}, 8)]:
+        with pytest.raises(OutsideField, match="at least one pixel of the map"):
+            om.light_probe(image, replace(ball, **change), width_px=width_px)
+
+
+def test_default_width_is_limited(image, ball, monkeypatch):
+    """Narrow fields have many pixels per degree, and a full sphere at this resolution is large."""
+    monkeypatch.setattr("omnimirror.dewarp.radiance_maps.MAX_DEFAULT_WIDTH_PX", 64)
+    assert om.light_probe(image, ball).visible.shape == (32, 64)
+    assert om.light_probe(image, ball, width_px=66).visible.shape == (33, 66)

@@ -126,6 +126,16 @@ def test_single_channel_axis_is_grey(tmp_path):
     assert om.read_image(tmp_path / "a.png").shape == (17, 23)
 
 
+def test_values_outside_the_range_of_radiance_hdr_are_clipped(tmp_path):
+    """Cubic interpolation produces values below 0, which the shared exponent cannot represent."""
+    light = np.float32([[[-1, 2, 3], [-50, -1, -9], [np.nan, 1, 1], [np.inf, 0, 0], [3e38, 0, 0]]])
+    om.write_image(tmp_path / "light.hdr", np.tile(light, (1, 2, 1)))
+    expected = [[0, 2, 3], [0, 0, 0], [0, 1, 1], [2.0**127, 0, 0], [2.0**127, 0, 0]]
+    np.testing.assert_allclose(
+        om.read_image(tmp_path / "light.hdr"), np.tile([expected], (1, 2, 1)), rtol=0.01
+    )
+
+
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".bmp", ".hdr", ".exr"])
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
 def test_truncated_image_raises(tmp_path, suffix, share, capfd):

@@ -32,6 +32,7 @@ def linear_rgb(image: NDArray[Any]) -> Light:
     >>> linear_rgb(np.array([[0, 188, 255]], np.uint8))[0, :, 0].round(2)
     array([0. , 0.5, 1. ], dtype=float32)
     """
+    image = np.asarray(image)  # masked arrays would keep masked integers unchanged
     rgb = image[..., :3] if image.ndim == 3 else image[..., None]
     if image.dtype.kind == "u":
         rgb = linear_from_srgb(rgb / np.float32(np.iinfo(image.dtype).max))

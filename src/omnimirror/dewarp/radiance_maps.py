@@ -16,13 +16,14 @@ from ..base.arguments import integer, number, validate_arguments
 from ..base.colour import Light, linear_rgb
 from ..base.errors import InvalidParameter, MediaError, OutsideField
 from ..base.results import Columns, FieldResult, Fields
-from ..base.typing import Mask
+from ..base.typing import Array, Mask
 from ..cameras.camera import Camera
+from ..cameras.models.camera_model import MAX_IMAGE_PX
 from ..io.images import format_of
 from . import Dewarper, views
 from .interfaces import Image
 from .maps import PixelMap
-from .sampling import check_image, check_kind, remap, with_alpha
+from .sampling import check_colours, check_image, remap, with_alpha
 from .screens import Equirectangular
 from .view_geometry import annulus_of, field_of
 
@@ -82,7 +83,7 @@ def merge_exposures(images: Sequence[Image], exposures_s: Sequence[float]) -> Li
             f"exposures_s must contain one time per image; got {len(times)} for {len(images)} images"
         )
     for image in images:
-        check_kind(image)
+        check_colours(image)
         if image.dtype.kind != "u" or image.shape[:2] != images[0].shape[:2]:
             raise InvalidParameter(
                 "images must be uint8 or uint16 and have one size; got "
@@ -115,6 +116,10 @@ def _unsaturated(image: Image) -> NDArray[np.float32]:
 CHANNELS = ("red", "green", "blue")
 PROBE_SUFFIXES = (".hdr", ".exr")
 """File formats of radiance maps that programs read as environment maps."""
+MIN_WIDTH_PX, MAX_DEFAULT_WIDTH_PX, MAX_WIDTH_PX = 8, 8192, 16_384
+MIN_REFLECTANCE = 0.001
+MAX_LIGHT = 1e30
+"""Maximum absolute value of an image, whose sums and quotients are in the range of float32."""
 SAMPLES = 2
 """Samples per pixel of the image along each side: adjacent samples include every image pixel."""
 MIN_RIM_MARGIN_PX = 0.5
@@ -211,25 +216,26 @@ def light_probe(
     """Convert an image of a mirror ball to an HDR light probe for image-based lighting.
 
     The result is an environment map as read by Blender, Unreal Engine and Mitsuba: equirectangular,
-    full sphere, linear light. Every pixel is a mean of bilinear samples, without the overshoot of
-    cubic interpolation, so that small bright lights keep their energy. The directions that are not
+    full sphere, linear light. Every pixel is a mean of bilinear samples by solid angle, without the
+    overshoot of cubic interpolation, so that small bright lights keep their energy. The directions that are not
     reflected to the camera, such as the blind cone behind a mirror ball, are filled smoothly from
     the edge of the visible part.
 
     Parameters
     ----------
     image : (h, w), (h, w, 3) or (h, w, 4) array
-        Image of the camera: uint8 or uint16 in sRGB, or floats in linear light. Alpha is ignored.
+        Image of the camera: uint8 or uint16 in sRGB, or floats in linear light, to 1e30. Alpha is
+        ignored.
     camera
         Camera of the image with its mount, such as :class:`omnimirror.MirrorBall` or a sensor.
     width_px
-        Width of the map, an even number; its height is half of it. By default the mean resolution
-        of the image.
+        Width of the map, an even number from 8 to 16384; its height is half of it. By default the
+        mean resolution of the image, at most 8192 px.
     pan_deg
         Direction of the image centre, deg right of forward.
     reflectance
-        Reflectance of the mirror, above 0 to 1, or one for each of red, green and blue; the
-        radiance is divided by it.
+        Reflectance of the mirror, 0.001 to 1, or one for each of red, green and blue; the radiance
+        is divided by it.
 
     Returns
     -------
@@ -241,6 +247,8 @@ def light_probe(
     InvalidParameter
         If the image does not match the camera, contains values that are not finite, or an argument
         is outside its range.
+    OutsideField
+        If no pixel of the map is visible.
 
     Examples
     --------
@@ -257,21 +265,31 @@ def light_probe(
     check_image(image, camera.image_size)
     if image.dtype.kind not in "uf":
         raise InvalidParameter(f"image must be uint8, uint16 or floats; got {image.dtype}")
-    factors = reflectance if isinstance(reflectance, tuple) else (reflectance,) * 3
+    factors = np.ravel(reflectance).tolist()
     for factor in factors:
-        number("reflectance", factor, above=0.0, high=1.0)
-    if width_px is not None and (integer("width_px", width_px, 8) % 2):
+        number("reflectance", factor, low=MIN_REFLECTANCE, high=1.0)
+    if width_px is None:
+        natural_px = views.sphere(camera).size[0]
+        width_px = min(max(natural_px, MIN_WIDTH_PX), MAX_DEFAULT_WIDTH_PX)
+    elif integer("width_px", width_px, MIN_WIDTH_PX, MAX_WIDTH_PX) % 2:
         raise InvalidParameter(f"width_px must be even; got {width_px}")
-    width, height = views.sphere(camera, (width_px, None), pan_deg=pan_deg).size
-    light = with_alpha(linear_rgb(image))
+    with np.errstate(over="ignore"):  # checked below
+        light = with_alpha(linear_rgb(image))
     light[~_mirror_pixels(camera)] = 0.0
-    if not np.isfinite(light).all():
-        raise InvalidParameter("the image must contain finite values on the mirror")
-    means = _means(light, camera, (width, height), pan_deg)
+    if not (invalid := light[~(abs(light) <= MAX_LIGHT)]).size == 0:
+        raise InvalidParameter(
+            f"image must contain finite values up to {MAX_LIGHT:g} on the mirror; got {invalid[0]:g}"
+        )
+    means = _means(light, camera, (width_px, width_px // 2), pan_deg)
     coverage = means[..., 3:]
     visible = coverage[..., 0] >= MIN_COVERAGE
-    mean_light = means[..., :3] / np.maximum(coverage, MIN_COVERAGE)
-    radiance = (mean_light / np.asarray(factors, np.float32)).astype(np.float32)
+    if not visible.any():
+        raise OutsideField(
+            f"the mirror must cover at least one pixel of the map in the image; got none of "
+            f"{width_px} x {width_px // 2} px; check the camera, or increase width_px"
+        )
+    divisors = np.maximum(coverage, MIN_COVERAGE) * np.asarray(factors, np.float32)
+    radiance: Light = means[..., :3] / divisors
     if not visible.all():
         hidden = (~visible).astype(np.uint8)
         edge = visible & (cv2.dilate(hidden, np.ones((EDGE_PX, EDGE_PX), np.uint8)) > 0)
@@ -280,18 +298,25 @@ def light_probe(
 
 
 def _means(light: Light, camera: Camera, size: tuple[int, int], pan_deg: float) -> Light:
-    """Return means of bilinear samples (h, w, 4) over the pixels of a spherical map, in bands of rows."""
+    """Return means of bilinear samples (h, w, 4) over the pixels of a spherical map, by solid angle."""
     width, height = size
     side = int(np.ceil(SAMPLES * 360.0 * field_of(camera).pixels_per_degree / width))
+    side = min(side, MAX_IMAGE_PX // width)
+    # A row of samples covers the solid angle cos(elevation): at the poles, equal weights would
+    # multiply the light of a small lamp.
+    weights = np.cos(np.pi * ((np.arange(side * height) + 0.5) / (side * height) - 0.5))
+    weights = weights.reshape(height, side)
+    weights = (weights / weights.sum(axis=1, keepdims=True)).ravel().astype(np.float32)
     means = np.zeros((height, width, 4), np.float32)
-    rows = max(1, BAND_SAMPLES // (side**2 * width))
-    for top in range(0, height, rows):
-        bottom = min(top + rows, height)
-        low, high = (90.0 - 180.0 * row / height for row in (bottom, top))
-        screen = Equirectangular((side * width, side * (bottom - top)), low, high, pan_deg)
+    rows = max(1, BAND_SAMPLES // (side * width))
+    for top in range(0, side * height, rows):
+        bottom = min(top + rows, side * height)
+        low, high = (90.0 - 180.0 * row / (side * height) for row in (bottom, top))
+        screen = Equirectangular((side * width, bottom - top), low, high, pan_deg)
         with suppress(OutsideField):  # rows without visible pixels
             samples = Dewarper(camera, screen, "linear")(light)
-            means[top:bottom] = _area_means(samples, (width, bottom - top))
+            for row, values in enumerate(_area_means(samples, (width, bottom - top)), top):
+                means[row // side] += weights[row] * values
     return means
 
 
@@ -329,10 +354,15 @@ def _filled(light: Light, coverage: NDArray[np.float32]) -> Light:
     columns = (np.arange(width) + 0.5) * size[0] / width - 0.5
     rows = ((np.arange(height) + 0.5) * size[1] / height - 0.5).clip(0, size[1] - 1)
     closed = np.concatenate([coarse[:, -1:], coarse, coarse[:, :1]], axis=1)  # periodic in pan
-    positions = np.stack(np.meshgrid(columns + 1, rows), axis=-1)
-    smooth = _smoothed_rows(remap(closed, PixelMap(positions, (size[0] + 2, size[1]))))
-    filled: Light = weighted + (1 - coverage[..., None]) * smooth
-    return filled
+    sigmas_px = 1 / np.cos(np.pi * ((np.arange(height) + 0.5) / height - 0.5))
+    count = max(1, BAND_SAMPLES // width)
+    for top in range(0, height, count):
+        band = slice(top, top + count)
+        positions = np.stack(np.meshgrid(columns + 1, rows[band]), axis=-1)
+        values = remap(closed, PixelMap(positions, (size[0] + 2, size[1])))
+        smooth = _smoothed_rows(values, sigmas_px[band])
+        weighted[band] += (1 - coverage[band, :, None]) * smooth
+    return weighted
 
 
 def _area_means(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
@@ -340,14 +370,13 @@ def _area_means(image: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
 
 
-def _smoothed_rows(light: Light) -> Light:
-    """Smooth rows of an equirectangular map by Gaussians with a standard deviation of one pixel at the
-    horizon, and of the same angle elsewhere, so that values converge at the poles.
+def _smoothed_rows(light: Light, sigmas_px: Array) -> Light:
+    """Smooth rows of an equirectangular map by Gaussians with the given standard deviations: one pixel
+    at the horizon, and the same angle elsewhere, so that values converge at the poles.
     """
-    height, width = light.shape[:2]
-    sigma_px = 1 / np.cos(np.pi * ((np.arange(height) + 0.5) / height - 0.5))
+    width = light.shape[1]
     # Fourier transform of a Gaussian: exp(-2 pi^2 sigma^2 f^2) at the frequency f per pixel
-    gains = np.exp(-2 * (np.pi * np.outer(sigma_px, rfftfreq(width))) ** 2)
+    gains = np.exp(-2 * (np.pi * np.outer(sigmas_px, rfftfreq(width))) ** 2)
     spectrum = rfft(light, axis=1) * gains[..., None].astype(np.float32)
     smooth: Light = irfft(spectrum, width, axis=1)
     return smooth

@@ -281,11 +281,7 @@ MAX_VALUES = 0x7FFF0000  # the compiled samplers index values with 31 bits
 
 def check_image(image: Image, size: tuple[int, int]) -> None:
     """Raise an error unless an array is an image of the given (width, height)."""
-    check_kind(image)
-    if image.shape[2:] == (2,):
-        raise InvalidParameter(
-            f"the image must have 1, 3 or 4 channels; got an array of shape {image.shape}"
-        )
+    check_colours(image)
     height, width = image.shape[:2]
     check_size((width, height), size)
 
@@ -305,13 +301,23 @@ def check_size(actual: tuple[int, int], expected: tuple[int, int], noun: str = "
         )
 
 
+def check_colours(image: Image) -> None:
+    """Raise an error unless an array is a grey, RGB or RGBA image."""
+    check_kind(image)
+    if image.shape[2:] == (2,):
+        raise InvalidParameter(
+            f"the image must have 1, 3 or 4 channels; got an array of shape {image.shape}"
+        )
+
+
 def check_kind(image: Image) -> None:
     """Raise an error for arrays of an unsupported shape or data type."""
     instance("the image", image, np.ndarray, "an array of pixels")
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
         raise InvalidParameter(
-            f"the image must have 1 to 4 channels; got an array of shape {image.shape}"
+            "the image must have at least one pixel and 1 to 4 channels; got an array of shape "
+            f"{image.shape}"
         )
     if image.dtype.name not in DTYPES:
         raise InvalidParameter(

@@ -221,6 +221,8 @@ FORMATS = {
 }
 """Formats that can be written, by suffix."""
 
+MAX_HDR_VALUE = np.nextafter(np.float32(2.0**127), np.float32(0))
+"""Maximum value of Radiance HDR: mantissa below 1 times 2^127."""
 OPAQUE = {"uint8": 255, "uint16": 65535, "float32": 1.0}
 """Value of an opaque alpha channel, by data type."""
 
@@ -444,7 +446,8 @@ def write_image(
     ----------
     path
         Path whose suffix selects the format, one of :data:`FORMATS`. PNG, TIFF, WebP and EXR are
-        lossless, JPEG has quality 95. EXR requires the extra ``omnimirror[exr]``.
+        lossless, JPEG has quality 95. EXR requires the extra ``omnimirror[exr]``. HDR has no
+        negative values and no NaN; they become 0.
     image : (h, w) or (h, w, 1) or (h, w, 3) or (h, w, 4) array
         uint8, uint16 or float32; channels in the order red, green, blue (alpha).
     panorama
@@ -549,6 +552,8 @@ def _encoded(
 ) -> bytes:
     """Return the bytes of the file."""
     suffix = path.suffix.lower()
+    if suffix == ".hdr":  # the encoder would wrap values outside the range of the format
+        image = np.nan_to_num(image, nan=0.0).clip(0, MAX_HDR_VALUE)
     try:
         data = encoded(image, suffix)
     except cv2.error as e:
