@@ -253,3 +253,25 @@ def test_equirectangular_aspect_ratio(radius):
         InvalidParameter, match=r"width must be even for an equirectangular image .*; got 1441 px"
     ):
         om.views.sphere(ball, (1441, None))
+
+
+@pytest.mark.parametrize("size", [(None, None), (64, None), (64, 48)])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"height_mm": 0.0}, "height_mm must not be 0"),
+        ({"height_mm": 900.0, "mm_per_px": 0.0}, "mm_per_px must be .*above 0; got 0"),
+        ({"height_mm": 900.0, "mm_per_px": -1.0}, "mm_per_px must be .*above 0; got -1"),
+    ],
+)
+def test_zero_scales_of_plans_are_rejected(size, options, message):
+    with pytest.raises(InvalidParameter, match=message):
+        views.ground(BALL, size=size, **options)
+
+
+def test_zero_sizes_are_rejected():
+    """Zero is a value, not a missing one."""
+    with pytest.raises(InvalidParameter, match="nonzero; got 0 x 0 px"):
+        views.ground(BALL, 0.0, size=(64, None), mm_per_px=10.0)
+    with pytest.raises(InvalidParameter, match="hfov_deg must be"):
+        views.planet(BALL, (64, 64), hfov_deg=0.0)

@@ -173,7 +173,8 @@ def completed_size(size: PartialSize, natural: tuple[float, float]) -> tuple[int
     )
     if width is not None and height is not None:
         return width, height
-    if not np.isfinite(natural).all() or max(natural) > MAX_ASPECT_RATIO * min(natural) >= 0:
+    is_degenerate = 0 in natural or max(natural) > MAX_ASPECT_RATIO * min(natural) > 0
+    if not np.isfinite(natural).all() or is_degenerate:
         raise InvalidParameter(
             "the size of the view at the resolution of the image must be finite and "
             f"nonzero; got {natural[0]:.3g} x {natural[1]:.3g} px; change the angles or "
@@ -486,7 +487,7 @@ def planet(
     """
     field = field_of(camera)
     pole = pole or pole_of(camera)
-    hfov = hfov_deg or min(2 * field_end(field, pole), MAX_PLANET_DEG)
+    hfov = min(2 * field_end(field, pole), MAX_PLANET_DEG) if hfov_deg is None else hfov_deg
     diameter = hfov * field.pixels_per_degree
     return LittlePlanet(
         completed_size(size, (diameter, diameter)), hfov, pole, pan_deg, distance_mm, offset_mm
@@ -533,9 +534,14 @@ def ground(
     >>> om.views.ground(camera, 1200.0, mm_per_px=10.0).size
     (480, 480)
     """
-    scale = mm_per_px or abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
-    side = PLAN_HEIGHTS * abs(height_mm) / scale if scale > 0 else 0.0
-    return Ground(completed_size(size, (side, side)), height_mm, float(scale), pan_deg, offset_mm)
+    if mm_per_px is None:
+        if height_mm == 0:
+            raise InvalidParameter("height_mm must not be 0 without mm_per_px; got 0")
+        mm_per_px = abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
+    side = PLAN_HEIGHTS * abs(height_mm) / mm_per_px if mm_per_px > 0 else 1.0  # rejected below
+    return Ground(
+        completed_size(size, (side, side)), height_mm, float(mm_per_px), pan_deg, offset_mm
+    )
 
 
 @validate_arguments

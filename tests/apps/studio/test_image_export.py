@@ -148,6 +148,11 @@ def test_fitted_ball_is_used(client, tmp_path):
             400,
             "height_mm does not apply to the view perspective",
         ),
+        (
+            request("a.png", "png", ViewRequest(view="ground", size=(40, 30), pan_deg=0.0)),
+            400,
+            "height_mm is required for the view ground",
+        ),
         (request("a.png", "png", None), 400, "must be .hdr or .exr"),
         (
             request("a.png", "png", VIEW.model_copy(update={"tilt_deg": 89.0, "hfov_deg": 5.0})),

@@ -5,7 +5,7 @@ bit depth.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from inspect import signature
+from inspect import Parameter, signature
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +100,10 @@ def _view(camera: Camera, requested: ViewRequest) -> View:
     options = requested.model_dump(exclude={"view"}, exclude_none=True)
     make = views.VIEWS[requested.view]
     function = views.perspective if requested.view == "perspective" else make
-    if unknown := set(options) - set(signature(function).parameters):
+    parameters = signature(function).parameters
+    if unknown := set(options) - set(parameters):
         raise InvalidParameter(f"{min(unknown)} does not apply to the view {requested.view}")
+    required = {name for name, value in parameters.items() if value.default is Parameter.empty}
+    if missing := required - {"camera", *options}:
+        raise InvalidParameter(f"{min(missing)} is required for the view {requested.view}")
     return make(camera, **options)
