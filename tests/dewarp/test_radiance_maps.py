@@ -11,6 +11,7 @@ import omnimirror as om
 from omnimirror.base.colour import srgb_from_linear
 from omnimirror.base.errors import InvalidParameter, OutsideField
 from omnimirror.cameras.camera import Mount
+from omnimirror.dewarp import radiance_maps
 
 SIZE, RADIUS, SUB = 600, 280.0, 4
 LAMP = np.array([0.36, 0.48, 0.8])  # ahead, left, up
@@ -265,6 +266,6 @@ def test_a_probe_without_visible_pixels_is_rejected(image, ball):
 
 def test_default_width_is_limited(image, ball, monkeypatch):
     """Narrow fields have many pixels per degree, and a full sphere at this resolution is large."""
-    monkeypatch.setattr("omnimirror.dewarp.radiance_maps.MAX_DEFAULT_WIDTH_PX", 64)
+    monkeypatch.setattr(radiance_maps, "MAX_DEFAULT_WIDTH_PX", 64)
     assert om.light_probe(image, ball).visible.shape == (32, 64)
     assert om.light_probe(image, ball, width_px=66).visible.shape == (33, 66)

@@ -316,7 +316,7 @@ def check_kind(image: Image) -> None:
     channels = image.shape[2] if image.ndim == 3 else 1
     if image.ndim not in (2, 3) or channels not in (1, 2, 3, 4) or image.size == 0:
         raise InvalidParameter(
-            "the image must have at least one pixel and 1 to 4 channels; got an array of shape "
+            "the image must have 1 to 4 channels and at least one pixel; got an array of shape "
             f"{image.shape}"
         )
     if image.dtype.name not in DTYPES:
