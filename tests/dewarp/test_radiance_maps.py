@@ -264,6 +264,20 @@ def test_a_probe_without_visible_pixels_is_rejected(image, ball):
             om.light_probe(image, replace(ball, **change), width_px=width_px)
 
 
+def test_pixels_without_a_ray_have_no_light():
+    """Bright pixels beside the image circle of a camera without symmetry."""
+    fisheye = om.ThinPrismFisheye(
+        focal_px=(100.0, 100.0), centre_px=(319.5, 239.5), image_size=(640, 480), s3=0.1
+    )
+    rows, columns = np.mgrid[:480, :640]
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
+    outside = ~fisheye.backproject(pixels).valid.reshape(480, 640)
+    assert 0 < outside.mean() < 0.5
+    light = np.where(outside[..., None], np.float32(50), np.float32([[[1, 1, 1]]]))
+    probe = om.light_probe(light, fisheye, width_px=256)
+    np.testing.assert_allclose(probe.radiance, 1.0, rtol=0.01)
+
+
 def test_default_width_is_limited(image, ball, monkeypatch):
     """Narrow fields have many pixels per degree, and a full sphere at this resolution is large."""
     monkeypatch.setattr(radiance_maps, "MAX_DEFAULT_WIDTH_PX", 64)

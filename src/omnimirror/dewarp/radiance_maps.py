@@ -130,6 +130,8 @@ MIN_COVERAGE = 0.5
 """Minimum weight of the samples of a visible pixel that are on the mirror; others have no light."""
 EDGE_PX = 5
 """Diameter of the neighbourhood of hidden pixels, whose visible pixels they are filled from."""
+BAND_PIXELS = 1 << 18
+"""Pixels in a band of rows for which rays are computed."""
 BAND_SAMPLES = 1 << 22
 """Samples in a band of rows, which limits the memory to 64 MB."""
 
@@ -321,11 +323,20 @@ def _means(light: Light, camera: Camera, size: tuple[int, int], pan_deg: float) 
 
 
 def _mirror_pixels(camera: Camera) -> Mask:
-    """Return the pixels (h, w) inside the image of the mirror, without those across its edge."""
+    """Return the pixels (h, w) inside the image of the mirror, without those across its edge; for
+    cameras without symmetry those with a ray.
+    """
     width, height = camera.image_size
     annulus = annulus_of(camera)
     if annulus is None:
-        return np.ones((height, width), np.bool_)
+        has_ray = np.empty((height, width), np.bool_)
+        count = max(1, BAND_PIXELS // width)
+        for top in range(0, height, count):
+            band = has_ray[top : top + count]
+            v, u = np.mgrid[top : top + len(band), :width]
+            rays = camera.backproject(np.stack([u, v], axis=-1).reshape(-1, 2).astype(float))
+            band[:] = rays.valid.reshape(band.shape)
+        return has_ray
     rows, columns = np.ogrid[:height, :width]
     radius = np.hypot(columns - annulus.u, rows - annulus.v)
     margin = max(MIN_RIM_MARGIN_PX, RIM_MARGIN * annulus.outer)
