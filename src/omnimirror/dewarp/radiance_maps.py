@@ -219,9 +219,9 @@ def light_probe(
 
     The result is an environment map as read by Blender, Unreal Engine and Mitsuba: equirectangular,
     full sphere, linear light. Every pixel is a mean of bilinear samples by solid angle, without the
-    overshoot of cubic interpolation, so that small bright lights keep their energy. The directions that are not
-    reflected to the camera, such as the blind cone behind a mirror ball, are filled smoothly from
-    the edge of the visible part.
+    overshoot of cubic interpolation, so that small bright lights keep their energy. The directions
+    that are not reflected to the camera, such as the blind cone behind a mirror ball, are filled
+    smoothly from the edge of the visible part.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def light_probe(
     with np.errstate(over="ignore"):  # checked below
         light = with_alpha(linear_rgb(image))
     light[~_mirror_pixels(camera)] = 0.0
-    if not (invalid := light[~(abs(light) <= MAX_LIGHT)]).size == 0:
+    if (invalid := light[~(abs(light) <= MAX_LIGHT)]).size:
         raise InvalidParameter(
             f"image must contain finite values up to {MAX_LIGHT:g} on the mirror; got {invalid[0]:g}"
         )
