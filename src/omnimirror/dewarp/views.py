@@ -527,6 +527,11 @@ def ground(
     Ground
         Screen.
 
+    Raises
+    ------
+    InvalidParameter
+        If the scale or the size is not finite and above 0, or the height is 0 without a scale.
+
     Examples
     --------
     >>> import omnimirror as om
@@ -538,7 +543,8 @@ def ground(
         if height_mm == 0:
             raise InvalidParameter("height_mm must not be 0 without mm_per_px; got 0")
         mm_per_px = abs(height_mm) * np.radians(1) / field_of(camera).pixels_per_degree
-    side = PLAN_HEIGHTS * abs(height_mm) / mm_per_px if mm_per_px > 0 else 1.0  # rejected below
+    is_valid = 0 < mm_per_px < np.inf  # otherwise rejected below
+    side = PLAN_HEIGHTS * abs(height_mm) / mm_per_px if is_valid else 1.0
     return Ground(
         completed_size(size, (side, side)), height_mm, float(mm_per_px), pan_deg, offset_mm
     )

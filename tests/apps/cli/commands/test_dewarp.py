@@ -665,7 +665,7 @@ def test_colour_border_of_grey_image_raises():
         ),
         (
             "sphere.png SPHERE --view ground --set view.height_mm=0",
-            "mm_per_px must be finite and above 0; got 0",
+            "height_mm must not be 0 without mm_per_px; got 0",
         ),
         (
             "sphere.png SPHERE --view ground --set view.height_mm=9 --distance-mm 9",
