@@ -231,16 +231,6 @@ def test_detection_rate_on_200_composed_images(first):
     assert is_accepted.mean() >= 0.85
 
 
-@AMONG_PHOTOGRAPHS
-@pytest.mark.parametrize("seed", select_cases([5130], [5080, 5130]))
-def test_first_candidate_is_the_mirror_in_its_housing(seed):
-    """The outer edge of the housing is clearer than the mirror, and its interior has a clear ring."""
-    photograph = composed(seed)
-    rim = om.detect_mirror_outline(photograph.image)
-    assert not rim.is_accepted
-    assert outline_error(rim, photograph.rim) < 0.003
-
-
 @pytest.mark.parametrize("size", select_cases([720], [600, 720, 1080]))
 def test_thin_frame_of_small_image(size):
     """A bright band of 2 % of the radius in front of a dark room, with a uniform sky in the mirror:

@@ -206,15 +206,10 @@ def confidence(
     margin = odds - rivals
     agreement = float(np.mean(_share(margin, SAME_RANK)))
     parallel = PARALLEL_WEIGHT * (min(chance, MAX_PARALLEL) - USUAL_PARALLEL)
-    housing = housing_share(within)
+    housing = min(max((within - FAINT_RING) / (CLEAR_RING - FAINT_RING), 0.0), 1.0)
     mirror = evidence * float(np.mean(odds)) + (1 - housing) * parallel - housing * HOUSING_COST
     ranked = float(_share(np.float64(np.mean(margin)), MIN_MARGIN))
     return max(0.0, 2 * agreement - 1) * ranked * float(_share(np.float64(mirror), MIN_ODDS))
-
-
-def housing_share(within: float) -> float:
-    """Return from 0 to 1 if a clear concentric inner ring suggests that a ring is a housing."""
-    return min(max((within - FAINT_RING) / (CLEAR_RING - FAINT_RING), 0.0), 1.0)
 
 
 def _share(values: Array | np.float64, middle: tuple[float, float]) -> Array:

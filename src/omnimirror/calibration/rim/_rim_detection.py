@@ -25,7 +25,7 @@ from ..edge_detection import (
     levels_of,
 )
 from ._candidates import candidate_rings, hough_circles_between, working_rings
-from ._classifier import HOUSING_COST, UNLISTED, confidence, housing_share, odds
+from ._classifier import UNLISTED, confidence, odds
 from ._ellipses import Ellipse, clearness, fit_ellipse, refine_ring
 from ._features import Ring, ring_of
 
@@ -292,10 +292,6 @@ class _AnalysedImage:
         """Return the mean log odds of an ellipse over the resolutions."""
         return float(self.ranked(ellipse)[0].mean())
 
-    def pooled_without_housings(self, ellipse: Ellipse) -> float:
-        """Return the mean log odds of an ellipse, reduced if it is probably a housing."""
-        return self.pooled(ellipse) - HOUSING_COST * housing_share(self.within(ellipse))
-
     def chance(self, ellipse: Ellipse) -> float:
         """Return the fraction of the circumference with parallel edges next to an ellipse."""
         near = [
@@ -521,12 +517,7 @@ def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     if len(analysed) == 1:
         item = analysed[0]
         probable = np.nonzero(item.mean >= min(UNLISTED + 1, item.mean.max()))[0]
-        ellipses = [item.rings[i].ellipse for i in probable]
-        ellipse = max(ellipses, key=item.pooled)
-        if (best := item.confidence(ellipse)) >= MIN_CONFIDENCE:
-            return ellipse, best
-        # Suggest the mirror rather than its housing.
-        ellipse = max(ellipses, key=item.pooled_without_housings)
+        ellipse = max((item.rings[i].ellipse for i in probable), key=item.pooled)
         return ellipse, item.confidence(ellipse)
     ellipses = [
         ring.ellipse
