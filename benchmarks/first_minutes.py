@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -28,7 +27,7 @@ from typing import Any
 import av
 import numpy as np
 from measurement_conditions import load_warning, processor_name
-from page_load import FLAGS, start_studio
+from page_load import FLAGS, chromium_path, start_studio
 from playwright.sync_api import Browser, Page, sync_playwright
 
 import omnimirror as om
@@ -310,11 +309,6 @@ def main() -> None:
     parser.add_argument("--names", nargs="*", help="cases to run; all by default")
     arguments = parser.parse_args()
     load_note = load_warning()
-    executable = (
-        os.environ.get("CHROMIUM")
-        or shutil.which("chromium-headless-shell")
-        or shutil.which("chromium")
-    )
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
         cases = list(rendered_cases(folder))
@@ -322,7 +316,7 @@ def main() -> None:
             replace(case, path=case.path.with_suffix(".webm")) for case in cases[:10:3]
         ]  # four videos
         cases += list(photographs(arguments.photographs)) if arguments.photographs else []
-        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=FLAGS)
         outcomes = []
         with start_studio() as address:
             for case in cases:

@@ -101,6 +101,15 @@ def open_page(browser: Browser, address: str) -> Page:
     return page
 
 
+def chromium_path() -> str | None:
+    """Return the path of Chromium: from the variable CHROMIUM, or on the path."""
+    return (
+        os.environ.get("CHROMIUM")
+        or shutil.which("chromium")
+        or shutil.which("chromium-headless-shell")
+    )
+
+
 @contextmanager
 def start_studio(*command_arguments: str | Path) -> Iterator[str]:
     """Yield the address of a studio started by a command; an empty studio by default."""
@@ -118,13 +127,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=9)
     arguments = parser.parse_args()
     load_note = load_warning()
-    executable = (
-        os.environ.get("CHROMIUM")
-        or shutil.which("chromium")
-        or shutil.which("chromium-headless-shell")
-    )
     with start_studio() as address, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=FLAGS)
         measurements = [
             file_sizes(),
             first_paint(browser, address, arguments.runs),

@@ -11,8 +11,6 @@ image and panorama: small while a slider moves, and large afterwards.
 from __future__ import annotations
 
 import argparse
-import os
-import shutil
 import threading
 import time
 from collections.abc import Iterator
@@ -22,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from measurement_conditions import describe_conditions
+from page_load import chromium_path
 from playwright.sync_api import sync_playwright
 
 import omnimirror as om
@@ -183,14 +182,9 @@ def main() -> None:
         )
         for kind in MIRROR_KINDS
     }
-    chromium = (
-        os.environ.get("CHROMIUM")
-        or shutil.which("chromium")
-        or shutil.which("chromium-headless-shell")
-    )
     rows = []
     with serving() as address, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=FLAGS)
         page = browser.new_context(
             viewport={"width": 1280, "height": 900}, bypass_csp=True
         ).new_page()

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -25,7 +24,7 @@ from typing import TypeAlias
 import av
 import numpy as np
 from measurement_conditions import load_warning, processor_name
-from page_load import FLAGS, start_studio
+from page_load import FLAGS, chromium_path, start_studio
 from playwright.sync_api import Browser, Locator, Page, sync_playwright
 
 import omnimirror as om
@@ -253,16 +252,11 @@ def main() -> None:
     parser.add_argument("--users", nargs="*", default=[user.__name__ for user in USERS])
     arguments = parser.parse_args()
     load_note = load_warning()
-    executable = (
-        os.environ.get("CHROMIUM")
-        or shutil.which("chromium")
-        or shutil.which("chromium-headless-shell")
-    )
     rows = []
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
         write_inputs(folder)
-        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=FLAGS)
         cameras = [folder / f"camera{number}.mp4" for number in range(1, CAMERA_COUNT + 1)]
         view = ("view", *cameras, "--sensor", "paper-spherical")
         with start_studio() as studio, start_studio(*view) as multi_camera:

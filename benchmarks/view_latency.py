@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 from measurement_conditions import load_warning, processor_name
-from page_load import FLAGS, start_studio
+from page_load import FLAGS, chromium_path, start_studio
 from playwright.sync_api import Browser, Page, Route, sync_playwright
 
 from omnimirror.apps.studio.pages import PAGE, SCRIPTS
@@ -107,13 +106,10 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=15)
     arguments = parser.parse_args()
     load_note = load_warning()
-    executable = (
-        os.environ.get("CHROMIUM")
-        or shutil.which("chromium")
-        or shutil.which("chromium-headless-shell")
-    )
     with start_studio() as address, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable, args=[*FLAGS, *UNLIMITED])
+        browser = playwright.chromium.launch(
+            executable_path=chromium_path(), args=[*FLAGS, *UNLIMITED]
+        )
         lines = [
             "# Latency of the view",
             "",
