@@ -177,6 +177,8 @@ MAKERS: dict[str, Callable[[], Case]] = {
     "lattice of 8, shifted": lambda: lattice(curved_map(2.4, 1.9), (64, 65), 8, (0.25, 0.5)),
     "lattice of 16": lambda: lattice(curved_map(2.3, 2.8), (130, 70), 16),
     "lattice of 16, patched": lambda: lattice(curved_map(1.3, 1.6), (130, 90), 16, patched=True),
+    "lattice of 32": lambda: lattice(curved_map(1.1, 1.0), (203, 101), 32),
+    "lattice of 32, patched": lambda: lattice(curved_map(0.8, 0.7), (203, 101), 32, patched=True),
     "lattice of 64": lambda: lattice(curved_map(0.8, 0.5), (203, 101), 64),
     "polar": lambda: polar((114.3, 84.1), (3.3, 1.7), (59, 45)),
     "polar, cut by the picture": lambda: polar((101.7, 61.2), (5.2, 2.9), (58, 57)),

@@ -138,6 +138,18 @@ def test_random_offset_cubes_match_exact_coordinates(seed):
     assert error_of_parts(camera, view) < (0.005 if camera.image_size[0] <= 1000 else 0.01)
 
 
+@pytest.mark.parametrize(
+    ("tilt_deg", "step"),
+    [(-30.0, 32), pytest.param(30.0, 16, id="view across the field boundary")],
+)
+def test_large_views_use_coarse_lattice_within_the_field(tilt_deg, step):
+    sensor = om.load_sensor("paper-spherical")
+    view = Plane((1280, 720), tilt_deg=tilt_deg, hfov_deg=80.0)
+    assert lattice_map_of(sensor, view).step == step
+    error = np.abs(screen_pixels(sensor, view) - exact_pixels(sensor, view))
+    assert np.nanmax(error) < 0.005
+
+
 def test_number_of_projections():
     """A view of 250,000 pixels, all inside the field, requires about 1 projection per 100 pixels."""
     sensor = om.load_sensor("paper-spherical")

@@ -104,6 +104,7 @@ struct Avx2 {
     template <Interpolation I, class F>
     static void locate_inner_cells(const Lattice& n, const CellRow& r, const Geometry& g, Block<F>* blocks) {
         if constexpr (has_fractions_of_8<I, F>) {
+            if (is_narrow(g) && r.step == 32) return locate_narrow_cells<32>(n.weights, r, g, blocks);
             if (is_narrow(g) && r.step == 16) return locate_narrow_cells<16>(n.weights, r, g, blocks);
             if (is_narrow(g) && r.step == 8) return locate_narrow_cells<8>(n.weights, r, g, blocks);
         }

@@ -30,12 +30,15 @@ struct WideLocator {
     }
 };
 
-// See cell_row in locate.hpp: one row of a cell of 16 pixels.
+// See cell_row in locate.hpp: 16 pixels of one row of a cell.
 struct WideWeights {
     __m512 a, b, c, d;
 
-    explicit WideWeights(const float* w)
-        : a(_mm512_loadu_ps(w)), b(_mm512_loadu_ps(w + 16)), c(_mm512_loadu_ps(w + 32)), d(_mm512_loadu_ps(w + 48)) {}
+    WideWeights(const float* w, int step)
+        : a(_mm512_loadu_ps(w)),
+          b(_mm512_loadu_ps(w + step)),
+          c(_mm512_loadu_ps(w + 2 * step)),
+          d(_mm512_loadu_ps(w + 3 * step)) {}
 
     __m512 between(const float* nodes) const {
         const __m512 left = _mm512_fmadd_ps(_mm512_set1_ps(nodes[1]), b, _mm512_mul_ps(_mm512_set1_ps(nodes[0]), a));
@@ -44,11 +47,15 @@ struct WideWeights {
     }
 };
 
+template <int step>
 void locate_wide_cells(const float* weights, const CellRow& r, const Geometry& g, Block<uint8_t>* blocks) {
     const WideLocator locator(g);
-    const WideWeights across(weights);
-    for (int j = 0; j < r.count; ++j)
-        locator.store_block(across.between(r.fine_x + j), across.between(r.fine_y + j), blocks + 2 * j);
+    for (int i = 0; i < step; i += 16) {
+        const WideWeights across(weights + i, step);
+        Block<uint8_t>* first = blocks + i / 8;
+        for (int j = 0; j < r.count; ++j, first += step / 8)
+            locator.store_block(across.between(r.fine_x + j), across.between(r.fine_y + j), first);
+    }
 }
 
 // count is a multiple of 8; directions are readable beyond their end, but blocks are not writable there.

@@ -36,7 +36,8 @@ struct Avx512 : Avx2 {
     template <Interpolation I, class F>
     static void locate_inner_cells(const Lattice& n, const CellRow& r, const Geometry& g, Block<F>* blocks) {
         if constexpr (has_fractions_of_8<I, F>) {
-            if (is_narrow(g) && r.step == 16) return locate_wide_cells(n.weights, r, g, blocks);
+            if (is_narrow(g) && r.step == 32) return locate_wide_cells<32>(n.weights, r, g, blocks);
+            if (is_narrow(g) && r.step == 16) return locate_wide_cells<16>(n.weights, r, g, blocks);
         }
         Avx2::locate_inner_cells<I>(n, r, g, blocks);
     }

@@ -34,7 +34,8 @@ from .sampling import (
     transparent_border,
     with_alpha,
 )
-from .screens import Screen, View, parts_of
+from .screens import View, parts_of
+from .screens._projections import is_screen
 from .view_geometry import Viewpoint, annulus_of, check_viewpoint, field_of
 from .yuv import (
     SITINGS,
@@ -312,7 +313,7 @@ class Dewarper:
         """Map that is much faster to create than a pixel map and nearly as fast to sample; None if
         there is none.
         """
-        if not isinstance(self.view, Screen):
+        if not is_screen(self.view):
             return None
         if is_separable(self.camera, self.view):
             polar = polar_map_of(self.camera, self.view, self.viewpoint)
@@ -334,7 +335,7 @@ class Dewarper:
         annulus = annulus_of(self.camera)
         if self._quick_map is not None:
             return PixelMap.of(self._quick_map, annulus)
-        views = [] if isinstance(self.view, Screen) else parts_of(self.view)
+        views = [] if is_screen(self.view) else parts_of(self.view)
         rectangles = [Rectangle(left, top, *screen.size) for left, top, screen in views]
         return PixelMap(
             self.coordinates().astype(np.float32), self.camera.image_size, annulus, rectangles

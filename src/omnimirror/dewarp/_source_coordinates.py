@@ -18,7 +18,7 @@ from ..base.typing import Array, Mask
 from ..cameras.camera import AxialSymmetry, Camera, inside_image, pan_tilt_direction, rotate_vectors
 from .maps import LatticeMap, PolarMap
 from .screens import Panorama, Screen, View, parts_of
-from .screens._projections import pixels_of_rows
+from .screens._projections import is_screen, pixels_of_rows
 from .view_geometry import Viewpoint, centre_of_projection, is_vertical, projection_of
 
 # -- Tabulated projection of axially symmetric cameras ---------------------------------------------
@@ -250,8 +250,8 @@ def _solve_points(tables: Tables, across: Array, along: Array) -> Array:
 # -- Lattice with local refinement -----------------------------------------------------------------
 #
 # Source coordinates vary slowly over a view, and most pixels are interpolated between exact nodes
-# some 16 pixels apart (four-point Lagrange, with an error proportional to the fourth power of the
-# step). The interpolation is tested at a node in the middle of each cell and with the fourth
+# 32, 16 or 8 pixels apart (four-point Lagrange, with an error proportional to the fourth power of
+# the step). The interpolation is tested at a node in the middle of each cell and with the fourth
 # differences of the nodes in each direction, because two errors of opposite sign cancel in the
 # middle. Cells that fail, and cells at the field boundary, are computed pixel by pixel.
 
@@ -264,11 +264,24 @@ WithExcess = Callable[[Array, Array], tuple[Array, Array]]
 if unknown.
 """
 
-STEPS = (16, 8)
 TOLERANCE_PX = 0.001  # at the middle of a cell, the maximum of the interpolation error
 MIN_CELLS = 6  # minimum number across and down; below it, adjacent nodes of a wide view may be on opposite sides
-MAX_EXACT_FRACTION = (
-    0.1  # maximum fraction of cells computed pixel by pixel before a finer lattice is faster
+
+
+class NodeSpacing(NamedTuple):
+    """Spacing of the nodes of a lattice, tried from wide to narrow."""
+
+    px: int
+    min_cells: int
+    """Minimum number of cells across and down: coarse lattices of fewer cells are rarely exact."""
+    max_exact_fraction: float
+    """Maximum fraction of cells computed pixel by pixel before a finer lattice is faster."""
+
+
+SPACINGS = (
+    NodeSpacing(32, 20, 0.0),
+    NodeSpacing(16, MIN_CELLS, 0.15),
+    NodeSpacing(8, MIN_CELLS, 1.0),
 )
 
 
@@ -305,14 +318,14 @@ def lattice_map(
     """
     evaluate = with_excess or (lambda u, v: _without_excess(exact(u, v)))
     lattice = None
-    for step in (step for step in STEPS if min(size) >= MIN_CELLS * step):
-        lattice = _Lattice(evaluate, size, step)
-        inexact = lattice.inexact(tolerance)
-        if inexact.sum() <= MAX_EXACT_FRACTION * inexact.size:
+    for spacing in (s for s in SPACINGS if min(size) >= s.min_cells * s.px):
+        lattice = _Lattice(evaluate, size, spacing.px)
+        patched = lattice.patched(tolerance)
+        if patched.sum() <= spacing.max_exact_fraction * patched.size:
             break
     if lattice is None:
-        return _pixel_by_pixel(exact, size, source_size, STEPS[-1])
-    cells, patches = lattice.patched(exact, inexact)
+        return _pixel_by_pixel(exact, size, source_size, SPACINGS[-1].px)
+    cells, patches = lattice.patches(exact, patched)
     return LatticeMap(lattice.nodes_of_kernels(), size, source_size, lattice.step, cells, patches)
 
 
@@ -373,23 +386,23 @@ class _Lattice:
             nearest = np.minimum(_in_windows(np.minimum, excess[1:-1, 1:-1], 2), excess_within)
             self.empty = nearest > change / 2
 
-    def inexact(self, tolerance: float) -> Mask:
-        """Return cells (down, across) with interpolation errors above the tolerance, at the middle
-        or between nodes.
+    def patched(self, tolerance: float) -> Mask:
+        """Return cells (down, across) to compute pixel by pixel: those at the field boundary, and
+        those with errors above the tolerance, at the middle or between nodes.
         """
         miss = np.abs(_half_way(_half_way(self.nodes).swapaxes(0, 1)).swapaxes(0, 1) - self.middles)
         down, across = (
             _bend(self.nodes, self.outside),
             _bend(self.nodes.swapaxes(0, 1), self.outside.T).T,
         )
-        inexact: Mask = ~self.unsure & ((miss[..., 0] > tolerance) | (miss[..., 1] > tolerance))
-        inexact |= ~self.unsure & ~((down <= tolerance) & (across <= tolerance))
-        return inexact
+        exceeds = (miss[..., 0] > tolerance) | (miss[..., 1] > tolerance)
+        exceeds |= ~((down <= tolerance) & (across <= tolerance))
+        patched: Mask = (exceeds | self.unsure) & ~self.empty
+        return patched
 
-    def patched(self, exact: Exact, inexact: Mask) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def patches(self, exact: Exact, patched: Mask) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return the cell indices and patches of cells that are computed pixel by pixel."""
-        patched = (inexact | self.unsure) & ~self.empty
-        cells = np.full(inexact.shape, -1, np.int32)
+        cells = np.full(patched.shape, -1, np.int32)
         patches = np.empty((0, self.step, self.step, 2), np.float32)
         if patched.any():
             patches = _patches(exact, patched, self.step)
@@ -459,7 +472,7 @@ def source_pixels(
     errors of about 0.001 px.
     """
     pixels_of_screen = exact_pixels if exact else screen_pixels
-    if isinstance(view, Screen):
+    if is_screen(view):
         return pixels_of_screen(camera, view, viewpoint)
     pixels = np.full((view.size[1], view.size[0], 2), np.nan)
     for left, top, screen in parts_of(view):

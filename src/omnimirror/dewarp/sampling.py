@@ -429,19 +429,20 @@ def border_values(border: Border, image: Image) -> tuple[float, ...]:
     """Return the border value of each image channel; raise an error for invalid values."""
     check_border(border)
     channels = image.shape[2] if image.ndim == 3 else 1
-    values = np.array(border, float)
-    if values.ndim and len(values) != channels:
+    is_scalar = np.ndim(border) == 0
+    values = np.array(border, float).reshape(-1).tolist()
+    if not is_scalar and len(values) != channels:
         raise InvalidParameter(
             f"border must have one value, or one for each of the {channels} channels of the image; got {border}"
         )
     high = FULL_VALUES[image.dtype.name]
     low = -high - 1 if image.dtype.kind == "i" else 0
     is_integer = image.dtype.kind != "f"
-    if is_integer and not ((values >= low) & (values <= high) & (values % 1 == 0)).all():
+    if is_integer and not all(low <= value <= high and value % 1 == 0 for value in values):
         raise InvalidParameter(
             f"border must contain integers from {low} to {high} for {image.dtype.name} images; got {border}"
         )
-    return tuple(np.broadcast_to(values, channels).tolist())
+    return tuple(values * channels if is_scalar else values)
 
 
 def transparent_border(border: Border, image: Image) -> tuple[float, ...]:
