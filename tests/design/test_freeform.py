@@ -69,7 +69,7 @@ def test_freeform_limits_agree_with_evaluation(feasible_design):
     assert sag <= 26
     assert sag + sensor.mirror_distance_mm <= 190
     assert sensor.rim_radius_px <= 512
-    assert sensor.clear_field_deg[0] <= 20
+    assert sensor.clear_field_deg[0] <= 20 + 1e-8
     assert 30 <= sensor.mirror.rim_radius_mm <= 42
     assert 9 <= np.degrees(sensor.meridian.theta_max) <= 12 + 1e-9
     assert sensor.field_deg == pytest.approx((0.0, 130.0), abs=1e-9)

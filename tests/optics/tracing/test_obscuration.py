@@ -189,8 +189,17 @@ def test_overlapping_rings_merged():
         max(r.omega_deg[1] for r in sensor.obscurations if r.omega_deg[0] == 0.0),
     )
     assert high.omega_deg[1] == pytest.approx(sensor.field_deg[1])
-    assert sensor.clear_field_deg == (low.omega_deg[1], high.omega_deg[0])
+    assert sensor.clear_field_deg == pytest.approx((low.omega_deg[1], high.omega_deg[0]), abs=2e-9)
     assert SPH.clear_field_deg == SPH.field_deg
+
+
+@pytest.mark.parametrize("diameter_mm", np.linspace(120.0, 200.0, 9))
+def test_quantities_are_continuous_at_ends_of_clear_field(diameter_mm):
+    """Rays at the ends pass through the tube, not through its base."""
+    sensor = replace(SPH, housing=Housing(shell=Tube(float(diameter_mm))))
+    low, high = sensor.clear_field_deg
+    viewpoints_mm = om.evaluate(sensor, [low, low + 1e-5, high - 1e-5, high]).viewpoint_z_mm
+    np.testing.assert_allclose(np.diff(viewpoints_mm)[[0, 2]], 0.0, atol=1e-4)
 
 
 def test_full_obscuration_leaves_no_clear_field():

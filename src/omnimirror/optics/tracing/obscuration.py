@@ -24,6 +24,7 @@ from .reflection import circle_clearance
 
 PLACES = 2049  # mirror points sampled to locate the edges of rings
 TOUCHES_DEG = 1e-6  # distance at which a ring is merged with an end of the field
+CLEARANCE_DEG = 1e-9  # distance from a ring to the ends of the clear field, above rounding errors
 
 
 def disc_clearance(distance: Any, cosine: Any, radius: Any) -> Any:
@@ -481,16 +482,17 @@ def clear_field_deg(
 ) -> tuple[float, float]:
     """Return the range (low, high) of a field, degrees, between the merged rings at its ends.
 
-    Both angles are equal if the entire field is obscured.
+    Ends at a ring are :data:`CLEARANCE_DEG` outside it, so that rays at the ends are clear in spite
+    of rounding. Both angles are equal if the entire field is obscured.
 
     >>> clear_field_deg((0.0, 135.0), (Obscuration("anything", (0.0, 12.0), 1.0),))
-    (12.0, 135.0)
+    (12.000000001, 135.0)
     """
     low, high = field_deg
     for ring in rings:
-        if ring.omega_deg[0] <= low + TOUCHES_DEG:
-            low = max(low, ring.omega_deg[1])
+        if ring.omega_deg[0] <= low + TOUCHES_DEG and ring.omega_deg[1] > low:
+            low = min(ring.omega_deg[1] + CLEARANCE_DEG, high)
     for ring in reversed(rings):
         if ring.omega_deg[1] >= high - TOUCHES_DEG and ring.omega_deg[0] > low:
-            high = ring.omega_deg[0]
+            high = max(ring.omega_deg[0] - CLEARANCE_DEG, low)
     return low, high
