@@ -77,7 +77,8 @@ MIRRORS: Registry[type[Mirror]] = Registry(
 """Mirror classes by their name in sensor files. Add a class to this list, or from another package
 by :func:`register_mirror` or an entry point."""
 
-SECONDARIES: Mapping[str, type[Mirror]] = ChainMap(MIRRORS, {Flat.KIND: Flat})  # type: ignore[arg-type]  # only read
+# Bundled first: a name missing in MIRRORS would be searched among the entry points of all packages
+SECONDARIES: Mapping[str, type[Mirror]] = ChainMap({Flat.KIND: Flat}, MIRRORS)  # type: ignore[arg-type]  # only read
 """Mirrors that may be secondaries: a flat mirror, and all registered ones."""
 
 
