@@ -397,7 +397,7 @@ def test_batch_dimensions_in_single_precision():
             lambda: differentiable(SPH).project(torch.zeros(4, 3, device="meta")),
             "must be on the device of the camera, cpu; got meta",
         ),
-        (lambda: differentiable(SPH).view_grid(3), "screen = 3 is not a screen"),
+        (lambda: differentiable(SPH).view_grid(3), "screen must be a screen of omnimirror.screens; got 3"),
         (
             lambda: differentiable(SPH).grid([3.0, 4.0]),
             r"pixels must be a tensor .*; got \[3.0, 4.0\]",
@@ -421,6 +421,6 @@ def test_invalid_arguments_raise(call, message):
 
 def test_example_of_the_documentation(capsys):
     page = (Path(__file__).parents[2] / "docs" / "interoperability.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"(?ms)^## PyTorch\n.*?^```\n(.*?)^```", page)
+    (code,) = re.findall(r"(?ms)^## PyTorch\n.*?^```python\n(.*?)^```", page)
     exec(compile(code, "interoperability.md", "exec"), {})
     assert "'lens.focal_length_mm'" in capsys.readouterr().out

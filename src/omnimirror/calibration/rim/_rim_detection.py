@@ -25,7 +25,7 @@ from ..edge_detection import (
     levels_of,
 )
 from ._candidates import candidate_rings, hough_circles_between, working_rings
-from ._classifier import UNLISTED, confidence, odds
+from ._classifier import FAINT_RING, UNLISTED, confidence, odds
 from ._ellipses import Ellipse, clearness, fit_ellipse, refine_ring
 from ._features import Ring, ring_of
 
@@ -310,10 +310,7 @@ class _AnalysedImage:
         for analysed in (self, *self.others):
             scaled_ellipse = ellipse.scaled(self.working.scale / analysed.working.scale)
             inner = [
-                ring.close
-                for ring in analysed.rings
-                if scaled_ellipse.offset_share(ring.ellipse) < SAME_CENTRE
-                and RING_RADII[0] < ring.ellipse.radius / scaled_ellipse.radius < RING_RADII[1]
+                ring.close for ring in analysed.rings if _is_inner(ring.ellipse, scaled_ellipse)
             ]
             clearest.append(max(inner, default=0.0))
         return float(np.mean(clearest))
@@ -517,7 +514,10 @@ def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     if len(analysed) == 1:
         item = analysed[0]
         probable = np.nonzero(item.mean >= min(UNLISTED + 1, item.mean.max()))[0]
-        ellipse = max((item.rings[i].ellipse for i in probable), key=item.pooled)
+        candidates = [item.rings[i].ellipse for i in probable]
+        ellipse = max(candidates, key=item.pooled)
+        if item.confidence(ellipse) < MIN_CONFIDENCE and item.within(ellipse) > FAINT_RING:
+            ellipse = _mirror_in_housing(item, ellipse, candidates)
         return ellipse, item.confidence(ellipse)
     ellipses = [
         ring.ellipse
@@ -544,6 +544,23 @@ def _joint_ellipse(analysed: list[_AnalysedImage]) -> tuple[Ellipse, float]:
     return ellipses[best], confidence(
         odds_of, rivals, chance, within, evidence=float(np.sqrt(len(pairs)))
     )
+
+
+def _mirror_in_housing(
+    item: _AnalysedImage, outline: Ellipse, candidates: list[Ellipse]
+) -> Ellipse:
+    """Return the best concentric ring inside an uncertain outline if it is probably a mirror.
+
+    Otherwise the outline itself: its inner rings are then edges of the reflected scene.
+    """
+    inner = [ring for ring in candidates if _is_inner(ring, outline) and item.pooled(ring) > 0]
+    return max(inner, key=item.pooled, default=outline)
+
+
+def _is_inner(ring: Ellipse, outline: Ellipse) -> bool:
+    """Return True for a concentric ring within an outline, as a mirror in its housing."""
+    is_smaller = RING_RADII[0] < ring.radius / outline.radius < RING_RADII[1]
+    return is_smaller and outline.offset_share(ring) < SAME_CENTRE
 
 
 def _refined_outline(
