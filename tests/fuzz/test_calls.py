@@ -30,6 +30,7 @@ from omnimirror.dewarp.request import VideoSettings
 from omnimirror.interop.http_server.server import listen
 from omnimirror.io import keyframes
 from omnimirror.io.image_sequences import first_number
+from omnimirror.manufacturing.tolerancing import monte_carlo
 from omnimirror.manufacturing.tolerancing.tolerance_file import parse_tolerances
 from omnimirror.optics.batch.evaluate import Designs
 from omnimirror.optics.batch.families import family
@@ -481,6 +482,7 @@ def _files(tmp_path_factory):
         workflows.write_files(folder)
         patch.setattr(simulated_video, "MAX_FRAMES", 20)  # larger values are valid and take hours
         patch.setattr(pixel_rays, "MAX_SAMPLES", 1024)
+        patch.setattr(monte_carlo, "MAX_TRIALS", 10_000)
         yield
 
 
