@@ -576,7 +576,8 @@ def test_adding_a_kernel(copy):
     )
     edit(
         native / "CMakeLists.txt",
-        ("  src/pool.cpp\n", "  src/pool.cpp\n  src/twice/module.cpp\n  src/twice/twice.cpp\n"),
+        ("  src/pool.cpp\n", "  src/pool.cpp\n  src/twice/twice.cpp\n"),
+        ("    src/module.cpp\n", "    src/module.cpp\n    src/twice/module.cpp\n"),
     )
     edit(
         package / "base" / "native.py",
