@@ -397,7 +397,10 @@ def test_batch_dimensions_in_single_precision():
             lambda: differentiable(SPH).project(torch.zeros(4, 3, device="meta")),
             "must be on the device of the camera, cpu; got meta",
         ),
-        (lambda: differentiable(SPH).view_grid(3), "screen must be a screen of omnimirror.screens; got 3"),
+        (
+            lambda: differentiable(SPH).view_grid(3),
+            "screen must be a screen of omnimirror.screens; got 3",
+        ),
         (
             lambda: differentiable(SPH).grid([3.0, 4.0]),
             r"pixels must be a tensor .*; got \[3.0, 4.0\]",
