@@ -54,6 +54,14 @@ def fails(*args: object, cwd: Path | None = None) -> str:
     return lines[0]
 
 
+def reset_signals() -> None:
+    """Reset signals to their default actions: background jobs and nohup ignore some, and children
+    inherit that."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 class Forks:
     """Process with preloaded modules in an environment, and a connection for its commands."""
 

@@ -25,7 +25,7 @@ from omnimirror.apps.cli import app, main
 from omnimirror.apps.cli.commands import sensors
 from omnimirror.base.errors import OmnimirrorError
 from omnimirror.base.native import backend
-from tests.commands import omnimirror
+from tests.commands import omnimirror, reset_signals
 from tests.everyday import few
 
 BALL = ("--ball", "31.5,31.5,30,300")
@@ -309,14 +309,6 @@ def processes_of(mark: str) -> list[int]:
         except OSError:  # owned by others, or ended
             continue
     return processes
-
-
-def reset_signals() -> None:
-    """Reset signals to their default actions: background jobs and nohup ignore some, and children
-    inherit that."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_DFL)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def wait_until(state: Callable[[], bool], run: subprocess.Popen) -> None:

@@ -39,7 +39,7 @@ from omnimirror.io.video_frames import frame_of_image, image_of_frame
 from omnimirror.io.video_reader import VideoReader
 from omnimirror.io.video_writer import VideoWriter
 from omnimirror.optics.image_sensor import Imager
-from tests.commands import fails
+from tests.commands import fails, reset_signals
 from tests.everyday import few
 from tests.io.test_live_sources import HEAD, free_port, paced
 from tests.io.test_live_sources import server as streaming
@@ -701,6 +701,7 @@ def command(film, camera, folder, *more):
         stderr=subprocess.PIPE,
         text=True,
         cwd=folder,
+        preexec_fn=reset_signals,
     ) as process:
         try:
             yield process, re.search(r"http://\S+", process.stdout.readline())[0]
