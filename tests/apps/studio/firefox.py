@@ -117,8 +117,8 @@ class Firefox:
                 return message["result"]
 
     def open(self, url: str) -> None:
-        """Open an address and wait until it is loaded."""
-        self.send("browsingContext.navigate", context=self.context, url=url, wait="complete")
+        """Open an address and wait until its document is parsed; later requests may be pending."""
+        self.send("browsingContext.navigate", context=self.context, url=url, wait="interactive")
 
     def size(self, width: int, height: int) -> None:
         """Set the size of the page, px."""
